@@ -1,0 +1,1 @@
+"""Synced tables to the per-driver dataset that models are trained on."""

@@ -1,0 +1,1 @@
+"""OxTS navigation logs."""

@@ -1,0 +1,1 @@
+"""Mixtures, the drivers' models and their evaluation."""

@@ -1,0 +1,1 @@
+"""Databases that are shipped: `byd_tang`."""

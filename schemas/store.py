@@ -1,0 +1,149 @@
+"""Publishing files so that they are either whole or absent, and the manifest that confirms them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from .errors import InputError
+
+
+@contextmanager
+def publish(path: Path) -> Iterator[Path]:
+    """Yield a path beside `path` to write to; on success it replaces `path`, durably, else it is removed."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_name(f".draft-{os.getpid()}-{hashlib.sha256(path.name.encode()).hexdigest()[:16]}")
+    try:
+        yield draft
+        with draft.open("rb") as written:
+            os.fsync(written.fileno())
+        draft.replace(path)
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def publish_text(path: Path, text: str) -> None:
+    """Publish `text` as UTF-8 with its line ends as they are."""
+    with publish(path) as draft:
+        draft.write_bytes(text.encode())
+
+
+def publish_json(path: Path, content: Any) -> None:
+    """Publish `content` as JSON: sorted keys, no NaN, the same content gives the same bytes."""
+    publish_text(path, json.dumps(content, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def parquet_writer(path: Path, schema: pa.Schema) -> pq.ParquetWriter:
+    """Open a Parquet writer with the settings that measured best: see the design, "Work and files"."""
+    plain = [f.name for f in schema if not (pa.types.is_string(f.type) or pa.types.is_dictionary(f.type))]
+    return pq.ParquetWriter(
+        path,
+        schema,
+        compression="zstd",
+        compression_level=1,
+        use_dictionary=[f.name for f in schema if f.name not in plain],
+        column_encoding={"time": "DELTA_BINARY_PACKED"} if "time" in plain else None,
+        write_page_checksum=True,
+    )
+
+
+def publish_table(path: Path, table: pa.Table) -> None:
+    """Publish a table as one Parquet file."""
+    with publish(path) as draft, parquet_writer(draft, table.schema) as writer:
+        writer.write_table(table)
+
+
+def read_table(path: Path) -> pa.Table:
+    """Read a Parquet file that Wheelprint wrote, its page checksums verified.
+
+    Raises:
+        InputError: The file is missing, damaged or not Parquet.
+    """
+    try:
+        return pq.read_table(path, partitioning=None, page_checksum_verification=True)
+    except FileNotFoundError:
+        raise InputError(path, "", "no such file; run the stage that writes it again") from None
+    except (OSError, pa.ArrowInvalid) as error:
+        reason = f"not a whole Parquet file ({error}); remove it and run the stage that writes it again"
+        raise InputError(path, "", reason) from None
+
+
+def sha256(path: Path) -> str:
+    """Return the SHA-256 of a file's content in hexadecimal."""
+    with path.open("rb") as content:
+        return hashlib.file_digest(content, "sha256").hexdigest()
+
+
+def fingerprint(content: Any) -> str:
+    """Return a hash of anything JSON can hold: equal content, equal hash."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True, ensure_ascii=False).encode()).hexdigest()
+
+
+class Manifest:
+    """`manifest.json`: which outputs stand for which inputs and parameters.
+
+    An entry is a section ("recordings", "dataset", "models", …), a name within it, and a mapping that holds at least
+    `fingerprint` (of inputs and parameters), `outputs` (`path` relative to the project, `sha256`, `bytes`) and
+    `problems` (`path`, `where`, `reason`).
+    """
+
+    def __init__(self, project: Path) -> None:
+        self._project = project
+        self.path = project / "manifest.json"
+        self.content: dict[str, dict[str, Any]] = {}
+        if self.path.exists():
+            try:
+                self.content = json.loads(self.path.read_text(encoding="utf-8"))
+            except ValueError as error:
+                reason = f"not JSON ({error}); remove it and everything is done again"
+                raise InputError(self.path, "", reason) from None
+
+    def entry(self, section: str, name: str) -> dict[str, Any]:
+        """Return an entry, empty where there is none."""
+        found: dict[str, Any] = self.content.get(section, {}).get(name, {})
+        return found
+
+    def is_current(self, section: str, name: str, fingerprint: str) -> bool:
+        """Tell whether the entry was made from the same inputs and parameters and its outputs still stand."""
+        entry = self.entry(section, name)
+        return entry.get("fingerprint") == fingerprint and all(
+            (file := self._project / output["path"]).is_file() and file.stat().st_size == output["bytes"]
+            for output in entry["outputs"]
+        )
+
+    def record(self, section: str, name: str, entry: Mapping[str, Any]) -> None:
+        """Put an entry in place of the one before, remove the files only that one stood for, and save."""
+        old = self.entry(section, name)
+        kept = {output["path"] for output in entry.get("outputs", ())}
+        self.content.setdefault(section, {})[name] = dict(entry)
+        publish_json(self.path, self.content)
+        for output in old.get("outputs", ()):
+            if output["path"] not in kept:
+                (self._project / output["path"]).unlink(missing_ok=True)
+
+    def output(self, path: Path, **facts: Any) -> dict[str, Any]:
+        """Describe a published file for an entry's `outputs`."""
+        return describe_output(self._project, path, **facts)
+
+
+def describe_output(project: Path, path: Path, **facts: Any) -> dict[str, Any]:
+    """Return `path` relative to the project, `sha256`, `bytes` and whatever `facts` say of a published file."""
+    return {
+        "path": path.relative_to(project).as_posix(),
+        "sha256": sha256(path),
+        "bytes": path.stat().st_size,
+        **facts,
+    }
