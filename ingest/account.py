@@ -1,0 +1,30 @@
+"""What a reader says of a file: how many records it took, which it could not, and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+KEPT_REJECTIONS = 100
+
+
+@dataclass(slots=True)
+class Account:
+    """The count of a file's records, filled while the file is read.
+
+    Attributes:
+        accepted: Records that were passed on.
+        rejected: Records, or stretches of bytes between records, that were not.
+        truncated: The file ends within a record.
+        rejections: The first hundred rejected ones: place (`line 17`, `byte 1440`) and reason.
+    """
+
+    accepted: int = 0
+    rejected: int = 0
+    truncated: bool = False
+    rejections: list[tuple[str, str]] = field(default_factory=list)
+
+    def reject(self, where: str, reason: str) -> None:
+        """Count one rejected record; its place and reason are kept while there are fewer than a hundred."""
+        self.rejected += 1
+        if len(self.rejections) < KEPT_REJECTIONS:
+            self.rejections.append((where, reason))
