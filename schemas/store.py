@@ -134,9 +134,12 @@ class Manifest:
             if output["path"] not in kept:
                 (self._project / output["path"]).unlink(missing_ok=True)
 
-    def output(self, path: Path, **facts: Any) -> dict[str, Any]:
-        """Describe a published file for an entry's `outputs`."""
-        return describe_output(self._project, path, **facts)
+    def remove(self, section: str, name: str) -> None:
+        """Remove an entry and the files it stood for: what could not be made again must not pass for current."""
+        if self.entry(section, name):
+            self.record(section, name, {"outputs": []})
+            del self.content[section][name]
+            publish_json(self.path, self.content)
 
 
 def describe_output(project: Path, path: Path, **facts: Any) -> dict[str, Any]:

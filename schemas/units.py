@@ -43,3 +43,8 @@ def factor(found: str, stored: str) -> float | None:
         return 1.0
     quantity, scale = UNITS.get("".join(found.lower().split()), ("", 0.0))
     return scale if quantity == stored else None
+
+
+def known_units(stored: str) -> list[str]:
+    """Return every way of writing a unit of the same quantity as `stored`."""
+    return [written for written, (quantity, _) in UNITS.items() if quantity == stored]

@@ -1,0 +1,30 @@
+PYTHON ?= python3
+VENV   ?= .venv
+BIN     = $(VENV)/bin
+WORKERS ?= 2
+
+.PHONY: demo test lint types bench clean
+
+# The stamp is remade when the packaging changes; strict editable mode is what type checkers can follow.
+$(VENV)/installed: pyproject.toml constraints.txt
+	test -d $(VENV) || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade pip
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --config-settings editable_mode=strict --editable ".[dev]"
+	touch $@
+
+demo: $(VENV)/installed
+	$(BIN)/wheelprint demo
+
+test: $(VENV)/installed
+	$(BIN)/python -m pytest --numprocesses $(WORKERS)
+
+lint: $(VENV)/installed
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(VENV)/installed
+	$(BIN)/mypy -p wheelprint
+	$(BIN)/mypy tests
+
+clean:
+	rm -rf $(VENV) build *.egg-info demo

@@ -1,0 +1,249 @@
+"""The commands. Each one reads its arguments, lets a stage do the work, and says what was done."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .output import Report, console
+from .schemas.errors import InputError
+
+if TYPE_CHECKING:
+    from .schemas.project import Project
+    from .schemas.tasks import Task
+
+app = typer.Typer(
+    name="wheelprint",
+    help="Raw vehicle logs in, personalised driver models out.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+ProjectOption = Annotated[Path, typer.Option("--project", help="Folder with wheelprint.toml.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
+ForceOption = Annotated[bool, typer.Option("--force", help="Do everything again, not only what changed.")]
+WorkersOption = Annotated[int, typer.Option("--workers", min=0, help="Processes; 0: one for each core.")]
+
+HERE = Path()
+
+
+def _finish(report: Report) -> None:
+    report.show()
+    if report.status:
+        raise typer.Exit(int(report.status))
+
+
+def _guarded(report: Report, work: Callable[[], None]) -> None:
+    """Do the work of a command; bad input that nothing can go on from becomes its one problem and status 1."""
+    try:
+        work()
+    except InputError as error:
+        report.problems.append(error)
+        report.failed = True
+    _finish(report)
+
+
+def _open(directory: Path) -> Project:
+    from .schemas.project import Project
+
+    project = Project(directory)
+    _ = project.config
+    return project
+
+
+@app.command()
+def inspect(
+    files: Annotated[list[Path], typer.Argument(help="Raw logs: CAN or navigation.", show_default=False)],
+    database: Annotated[list[str] | None, typer.Option("--database", help="Database that should know the ids.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Show what raw logs hold: format, time span, messages with count and rate, navigation status."""
+    from .inspection import inspect_files
+
+    report = Report("inspect", as_json)
+    _guarded(report, lambda: inspect_files(report, files, database or []))
+
+
+@app.command()
+def init(
+    project: ProjectOption = HERE,
+    as_json: JsonOption = False,
+) -> None:
+    """Write a commented wheelprint.toml and the folder raw/ to put recordings into."""
+    from .initialisation import write_project
+
+    report = Report("init", as_json)
+    _guarded(report, lambda: write_project(report, project))
+
+
+@app.command()
+def convert(
+    project: ProjectOption = HERE, workers: WorkersOption = 0, force: ForceOption = False, as_json: JsonOption = False
+) -> None:
+    """Decode the raw logs into signals/ and bring them to one grid in synced/."""
+    from .pipeline import Pipeline
+
+    report = Report("convert", as_json)
+    _guarded(report, lambda: Pipeline(_open(project), report, workers, force).convert())
+
+
+@app.command()
+def build(
+    project: ProjectOption = HERE, workers: WorkersOption = 0, force: ForceOption = False, as_json: JsonOption = False
+) -> None:
+    """Propose emergencies into events.csv and make the per-driver dataset without them."""
+    from .pipeline import Pipeline
+
+    report = Report("build", as_json)
+    _guarded(report, lambda: Pipeline(_open(project), report, workers, force).build())
+
+
+@app.command()
+def review(
+    project: ProjectOption = HERE,
+    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="Port on 127.0.0.1; 0: a free one.")] = 0,
+    reviewer: Annotated[str | None, typer.Option("--as", help="Who decides; default: the user's name.")] = None,
+) -> None:
+    """Open a local page to decide which proposed emergencies to leave out."""
+    from .dataset.review import serve
+
+    report = Report("review", as_json=False)
+    _guarded(report, lambda: serve(_open(project), port=port, reviewer=reviewer))
+
+
+@app.command()
+def train(
+    project: ProjectOption = HERE, workers: WorkersOption = 0, force: ForceOption = False, as_json: JsonOption = False
+) -> None:
+    """Train every driver's models on all of the driver's data."""
+    from .pipeline import Pipeline
+
+    report = Report("train", as_json)
+    _guarded(report, lambda: Pipeline(_open(project), report, workers, force).train())
+
+
+@app.command()
+def evaluate(
+    project: ProjectOption = HERE, workers: WorkersOption = 0, force: ForceOption = False, as_json: JsonOption = False
+) -> None:
+    """Cross-validate the models and their baselines into results/."""
+    from .pipeline import Pipeline
+
+    report = Report("evaluate", as_json)
+    _guarded(report, lambda: Pipeline(_open(project), report, workers, force).evaluate())
+
+
+@app.command()
+def report(project: ProjectOption = HERE, as_json: JsonOption = False) -> None:
+    """Write report/index.html: one file that opens offline."""
+    from .pipeline import Pipeline
+
+    summary = Report("report", as_json)
+    _guarded(summary, lambda: Pipeline(_open(project), summary, 1, force=True).report())
+
+
+@app.command()
+def export(
+    to: Annotated[str, typer.Option("--to", help="csv: the dataset; json: the models; mcap: recordings for a viewer.")],
+    project: ProjectOption = HERE,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder; default: export/ in the project.")] = None,
+    driver: Annotated[str | None, typer.Option("--driver", help="Only this driver.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write the dataset, the models or the recordings in a form that other programs read."""
+    from .exporting import export_project
+
+    summary = Report("export", as_json)
+    _guarded(summary, lambda: export_project(summary, _open(project), to, out, driver))
+
+
+@app.command()
+def predict(
+    driver: Annotated[str, typer.Option("--driver", help="Whose model predicts.")],
+    project: ProjectOption = HERE,
+    recording: Annotated[
+        str | None, typer.Option("--recording", help="driver/recording; default: all of the driver's.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Predict the steering wheel angle over the next 5 s along recordings of the dataset, into predictions/."""
+    from .prediction import predict_recordings
+
+    summary = Report("predict", as_json)
+    _guarded(summary, lambda: predict_recordings(summary, _open(project), driver, recording))
+
+
+@app.command()
+def run(
+    project: ProjectOption = HERE, workers: WorkersOption = 0, force: ForceOption = False, as_json: JsonOption = False
+) -> None:
+    """Do everything, from raw logs to the report: convert, build, train, evaluate, report."""
+    from .pipeline import Pipeline
+
+    summary = Report("run", as_json)
+    _guarded(summary, lambda: Pipeline(_open(project), summary, workers, force).run())
+
+
+@app.command()
+def simulate(
+    project: ProjectOption = HERE,
+    seed: Annotated[int, typer.Option("--seed", help="The same seed gives the same bytes.")] = 0,
+    drivers: Annotated[int, typer.Option("--drivers", min=1, max=100)] = 4,
+    recordings: Annotated[int, typer.Option("--recordings", min=1, help="Recordings of each driver.")] = 2,
+    minutes: Annotated[float, typer.Option("--minutes", min=1, help="Length of each recording.")] = 5.0,
+    clock_offset: Annotated[float, typer.Option("--clock-offset", help="s, CAN stamp - UTC; recordings vary.")] = 0.8,
+    clock_drift: Annotated[float, typer.Option("--clock-drift", help="ppm of the CAN clock.")] = 20.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Write raw logs of simulated drivers into raw/, and the truth beside it into truth/."""
+    from .simulation import simulate_project
+
+    summary = Report("simulate", as_json)
+    _guarded(
+        summary,
+        lambda: simulate_project(summary, project, seed, drivers, recordings, minutes, clock_offset, clock_drift),
+    )
+
+
+@app.command()
+def demo(
+    project: Annotated[Path, typer.Option("--project", help="Folder for the demo.")] = Path("demo"),
+    workers: WorkersOption = 0,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Simulate four drivers and do everything with their logs: the whole way in a few minutes."""
+    from .pipeline import Pipeline
+    from .simulation import simulate_demo
+
+    summary = Report("demo", as_json)
+
+    def work() -> None:
+        simulate_demo(project, console(stderr=True))
+        Pipeline(_open(project), summary, workers, force).run()
+
+    _guarded(summary, work)
+
+
+def version(show: bool) -> None:
+    """Print the version and end."""
+    if show:
+        from . import __version__
+
+        sys.stdout.write(f"wheelprint {__version__}\n")
+        raise typer.Exit
+
+
+@app.callback()
+def main(
+    _version: Annotated[
+        bool, typer.Option("--version", callback=version, is_eager=True, help="Print the version and end.")
+    ] = False,
+) -> None:
+    """Raw vehicle logs in, personalised driver models out."""

@@ -1,0 +1,116 @@
+"""The stages in their order, as commands run them: plan, run, record, say what came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from .output import Report, console
+from .runner import StageResult, available_cores, run_stage
+from .schemas.errors import InputError
+from .schemas.store import Manifest
+
+if TYPE_CHECKING:
+    from .schemas.project import Project
+    from .schemas.tasks import Task
+
+
+class Pipeline:
+    """The stages of one project.
+
+    Args:
+        project: The project.
+        report: Gathers what each stage did.
+        workers: Processes; 0: one for each core.
+        force: Run tasks whose outputs are current, too.
+    """
+
+    def __init__(self, project: Project, report: Report, workers: int, force: bool) -> None:
+        self._project = project
+        self._report = report
+        self._workers = workers or available_cores()
+        self._force = force
+
+    def convert(self) -> None:
+        """Raw logs to `signals/` and `synced/`."""
+        from .ingest.convert import plan_conversion
+
+        self._stage("convert", *plan_conversion(self._project))
+        rows: list[Sequence[Any]] = []
+        for key, entry in self._entries("recordings").items():
+            synced = next((o for o in entry["outputs"] if o["path"].startswith("synced/")), {})
+            frames = sum(i["accepted"] for i in entry["inputs"] if i["kind"] == "can")
+            samples = sum(i["accepted"] for i in entry["inputs"] if i["kind"] == "nav")
+            lost = sum(i["rejected"] for i in entry["inputs"])
+            clock = entry["clock"]
+            offset = clock["offset_s"] if clock["applied"] else None
+            rows.append((key, frames, samples, lost, synced.get("rows"), synced.get("runs"), offset))
+        heads = ("recording", "CAN frames", "nav packets", "rejected", "synced rows", "runs", "CAN clock offset, s")
+        self._report.tables.append(("Recordings", heads, rows))
+
+    def build(self) -> None:
+        """Synced tables to `events.csv` and `dataset/`."""
+        from .dataset.build import plan_build
+        from .modeling.path_types import cluster_segments
+
+        self._stage("build", *plan_build(self._project, cluster_segments))
+        rows: list[Sequence[Any]] = []
+        for driver, entry in self._entries("dataset").items():
+            out = ", ".join(f"{kind} {seconds:.0f} s" for kind, seconds in entry["excluded"].items() if seconds) or "–"
+            rows.append(
+                (driver, entry["driven_s"] / 60, entry["distance_m"] / 1000, entry["segments"],
+                 len(entry["clusters"]), out)
+            )  # fmt: skip
+        heads = ("driver", "minutes", "km", "segments", "path types", "left out")
+        self._report.tables.append(("Dataset", heads, rows))
+
+    def train(self) -> None:
+        """Dataset to `models/`."""
+        from .modeling.train import plan_training
+
+        self._stage("train", *plan_training(self._project))
+
+    def evaluate(self) -> None:
+        """Dataset to `results/`."""
+        from .modeling.evaluate import gather_results, plan_evaluation
+
+        self._stage("evaluate", *plan_evaluation(self._project))
+        for title, heads, rows in gather_results(self._project):
+            self._report.tables.append((title, heads, rows))
+
+    def report(self) -> None:
+        """Everything there is to `report/index.html`."""
+        from .report.page import write_report
+
+        path = write_report(self._project)
+        self._report.facts["report"] = str(path)
+        self._report.tables.append(("", ("report",), [(str(path),)]))
+
+    def run(self) -> None:
+        """All stages; a stage that finds nothing to work on ends the run, and the report is written all the same."""
+        try:
+            for stage in (self.convert, self.build, self.train, self.evaluate):
+                stage()
+        except InputError as error:
+            if not self._entries("recordings"):
+                raise
+            self._report.problems.append(error)
+        self.report()
+
+    def _stage(self, title: str, tasks: Sequence[Task], problems: Sequence[InputError]) -> None:
+        result: StageResult = run_stage(
+            title,
+            tasks,
+            Manifest(self._project.directory),
+            console(stderr=True),
+            workers=self._workers,
+            force=self._force,
+        )
+        result.problems[:0] = problems
+        self._report.stages[title] = result
+        if tasks and len(result.failed) == len(tasks):
+            self._report.failed = self._report.command != "run"
+
+    def _entries(self, section: str) -> dict[str, Any]:
+        entries: dict[str, Any] = self._project.manifest.get(section, {})
+        return dict(sorted(entries.items()))

@@ -1,0 +1,128 @@
+"""Runs the tasks of a stage: here, or on a Dask cluster of local processes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from .schemas.errors import InputError
+from .schemas.tasks import Outcome, Task
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from .schemas.store import Manifest
+
+
+@dataclass(slots=True)
+class StageResult:
+    """What a stage did.
+
+    Attributes:
+        done: Names of the entries made now.
+        current: Names of the entries that were already made from the same inputs and parameters.
+        failed: Names of the entries that could not be made.
+        problems: All that was rejected, lost or failed, those of current entries too.
+    """
+
+    done: list[str] = field(default_factory=list)
+    current: list[str] = field(default_factory=list)
+    failed: list[str] = field(default_factory=list)
+    problems: list[InputError] = field(default_factory=list)
+
+
+def run_stage(
+    title: str, tasks: Sequence[Task], manifest: Manifest, console: Console, *, workers: int, force: bool
+) -> StageResult:
+    """Run what is not current, record each outcome in the manifest as it comes, and show the progress.
+
+    Args:
+        title: What the progress bar says.
+        tasks: The stage's tasks.
+        manifest: Where outcomes are recorded.
+        console: Where the progress goes; nothing is shown where it is not a terminal.
+        workers: Processes; 1 runs everything in this one.
+        force: Run current tasks too.
+    """
+    result = StageResult()
+    waiting: list[Task] = []
+    for task in tasks:
+        if not force and manifest.is_current(task.section, task.name, task.fingerprint):
+            result.current.append(task.name)
+            stored = manifest.entry(task.section, task.name).get("problems", ())
+            result.problems += [InputError(p["path"], p["where"], p["reason"]) for p in stored]
+        else:
+            waiting.append(task)
+    with _progress(console, title, len(waiting)) as advance:
+        outcomes = (
+            _here(waiting) if min(workers, len(waiting)) <= 1 else _on_cluster(waiting, min(workers, len(waiting)))
+        )
+        for task, outcome in outcomes:
+            if isinstance(outcome, InputError):
+                result.failed.append(task.name)
+                result.problems.append(outcome)
+                manifest.remove(task.section, task.name)
+            else:
+                result.done.append(task.name)
+                result.problems += outcome.problems
+                problems = [{"path": p.path, "where": p.where, "reason": p.reason} for p in outcome.problems]
+                entry = {**outcome.entry, "fingerprint": task.fingerprint, "problems": problems}
+                manifest.record(task.section, task.name, entry)
+            advance()
+    return result
+
+
+def _attempt(task: Task) -> Outcome | InputError:
+    try:
+        return task.run(**task.arguments)
+    except InputError as error:
+        return error
+
+
+def _here(tasks: Sequence[Task]) -> Iterator[tuple[Task, Outcome | InputError]]:
+    for task in tasks:
+        yield task, _attempt(task)
+
+
+def _on_cluster(tasks: Sequence[Task], workers: int) -> Iterator[tuple[Task, Outcome | InputError]]:
+    import dask
+    from distributed import Client, LocalCluster, as_completed
+
+    quiet = {"logging.distributed": "error", "distributed.worker.memory.terminate": False}
+    with (
+        dask.config.set(quiet),
+        LocalCluster(
+            n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, processes=True
+        ) as cluster,
+        Client(cluster) as client,
+    ):
+        futures = {client.submit(_attempt, task, pure=False): task for task in tasks}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+
+
+@contextmanager
+def _progress(console: Console, title: str, total: int) -> Iterator[Any]:
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("{task.description:<10}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(),
+    )  # fmt: skip
+    with Progress(*columns, console=console, disable=not console.is_terminal or total == 0, transient=True) as bar:
+        task = bar.add_task(title, total=total)
+        yield lambda: bar.advance(task)
+
+
+def available_cores() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0))

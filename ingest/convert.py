@@ -1,0 +1,297 @@
+"""The convert stage: a recording's raw logs to its `signals/` files and its synced table."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pyarrow as pa
+
+from .. import __version__
+from ..schemas.config import Config
+from ..schemas.errors import InputError
+from ..schemas.project import Project, Recording
+from ..schemas.store import describe_output, fingerprint, publish_table, sha256
+from ..schemas.tables import NAVIGATION
+from ..schemas.tasks import Outcome, Task
+from ..schemas.times import iso_utc
+from .account import Account
+from .can.database import Database, load_databases
+from .clock import ClockEstimate, estimate_clock, fixed_clock
+from .mapping import MappedSignal, resolve
+from .navigation import merge_navigation
+from .readers import FrameReader, NavigationReader, Reader, recognise
+from .signal_files import as_facts, decode_log, signal_file
+from .synchronise import SampledSignal, read_mapped, read_navigation, synchronise
+
+BESIDE_LOGS = frozenset(
+    ".avi .bag .csv .dbc .doc .docx .jpeg .jpg .json .kcd .md .mkv .mp4 .pdf .png .sym .toml .txt .xls .xlsx .xml".split()
+)
+"""Suffixes of what people keep beside logs; such a file that no reader claims is listed, but is not a problem."""
+
+
+def plan_conversion(project: Project) -> tuple[list[Task], list[InputError]]:
+    """Plan one task for each recording.
+
+    Returns:
+        The tasks, and what is wrong with the databases and the mapping: everything else is converted all the same.
+
+    Raises:
+        InputError: The project file is missing or wrong, or no recording is found.
+    """
+    config = project.config
+    config_file = project.directory / "wheelprint.toml"
+    database, problems = load_databases(config.can.database, project.directory)
+    mapping, unmapped = resolve(config.can, database, config_file)
+    problems += unmapped
+    if not config.can.signals:
+        reason = 'nothing is mapped; name at least steering_wheel_angle = "Message.Signal" and speed'
+        problems.append(InputError(config_file, "can.signals", reason))
+    parameters = {
+        "version": __version__,
+        "database": fingerprint(repr(sorted(database.messages.items()))),
+        "mapping": {name: asdict(mapped) for name, mapped in mapping.items()},
+        "nav": config.nav.model_dump(),
+        "sync": config.sync.model_dump(),
+    }
+    tasks = []
+    for recording in project.recordings():
+        files = recording_files(recording)
+        states = [(name, path.stat().st_size, path.stat().st_mtime_ns) for name, path in files.items() if path.exists()]
+        arguments = {
+            "project": project.directory, "recording": recording, "config": config, "database": database,
+            "mapping": mapping,
+        }  # fmt: skip
+        made_from = fingerprint({**parameters, "files": states})
+        tasks.append(Task("recordings", recording.key, convert_recording, arguments, made_from))
+    return tasks, problems
+
+
+def recording_files(recording: Recording) -> dict[str, Path]:
+    """Return a recording's files by their path within it, sorted; hidden ones are left out."""
+    found = {
+        path.relative_to(recording.folder).as_posix(): path
+        for path in recording.folder.rglob("*")
+        if (path.is_file() or path.is_symlink()) and not path.is_dir()
+    }
+    return {name: found[name] for name in sorted(found) if not Path(name).name.startswith(".")}
+
+
+def convert_recording(
+    project: Path, recording: Recording, config: Config, database: Database, mapping: Mapping[str, MappedSignal]
+) -> Outcome:
+    """Convert one recording and publish its files.
+
+    Args:
+        project: Project folder.
+        recording: What to convert; its folder is only read.
+        config: The project file.
+        database: The messages to decode.
+        mapping: The canonical signals that were found in the database.
+
+    Returns:
+        The manifest entry: inputs with their accounts, clock, origin, signals, outputs.
+
+    Raises:
+        InputError: The recording holds no log at all.
+    """
+    place = Project(project)
+    folder = place.signals_folder(recording.driver, recording.name)
+    inputs: list[dict[str, Any]] = []
+    ignored: list[str] = []
+    outputs: list[dict[str, Any]] = []
+    problems: list[InputError] = []
+    message_files: dict[str, list[Path]] = {}
+    navigation: list[pa.Table] = []
+    for name, path in recording_files(recording).items():
+        try:
+            reader = recognise(path)
+        except InputError as error:
+            if path.suffix.lower() in BESIDE_LOGS and path.exists():
+                ignored.append(name)
+            else:
+                problems.append(error)
+            continue
+        account = Account()
+        try:
+            if reader.kind == "can":
+                decoded = decode_log(cast("FrameReader", reader), account, database, folder, name)
+                for message, file in decoded.files.items():
+                    message_files.setdefault(message, []).append(file)
+                    outputs.append(describe_output(project, file, rows=decoded.rows[message]))
+                facts: dict[str, Any] = as_facts(decoded)
+                span = decoded.start, decoded.stop
+            else:
+                batches = list(cast("NavigationReader", reader).batches(account))
+                table = pa.Table.from_batches(batches, batches[0].schema if batches else NAVIGATION)
+                file = signal_file(folder, name, "navigation")
+                publish_table(file, table)
+                outputs.append(describe_output(project, file, rows=len(table)))
+                navigation.append(table)
+                time = table["time"].cast(pa.int64()).to_numpy()
+                facts, span = {}, (int(time[0]), int(time[-1])) if len(time) else (None, None)
+        except InputError as error:
+            problems.append(error)
+            facts, span = {"failed": str(error)}, (None, None)
+        inputs.append(_input_facts(recording, path, reader, account, span) | facts)
+        problems += _account_problems(path, account)
+    if not any("failed" not in entry for entry in inputs):
+        reasons = "; ".join(dict.fromkeys(problem.reason for problem in problems))
+        what = f"none of its files could be read: {reasons}" if problems else "it holds no log"
+        raise InputError(recording.folder, "", f"{what}. A recording is a folder with a CAN log and a navigation log")
+
+    entry: dict[str, Any] = {"inputs": inputs, "ignored": ignored, "outputs": outputs, "driver": recording.driver}
+    sampled, signal_facts = _read_signals(message_files, mapping, recording, problems)
+    nav_table = merge_navigation(navigation) if navigation else None
+    nav_signals = read_navigation(nav_table) if nav_table is not None else {}
+    problems += _absent_sources(recording, config, mapping, sampled, nav_signals)
+    clock = _clock(config, sampled, nav_signals, recording)
+    entry |= {"signals": signal_facts, "clock": _clock_facts(clock)}
+    if nav_table is not None and (nav_table.schema.metadata or {}).get(b"origin"):
+        entry["origin"] = json.loads(nav_table.schema.metadata[b"origin"])
+    if overlap := _no_overlap(recording, sampled, nav_signals, clock):
+        return Outcome(entry, (*problems, overlap))
+    synced = synchronise(sampled, nav_signals, clock, config.sync.period, round(config.sync.max_gap * 1e9))
+    metadata = {
+        "driver": recording.driver,
+        "recording": recording.name,
+        "wheelprint": __version__,
+        "sync": config.sync.model_dump_json(),
+        "clock": json.dumps(entry["clock"], sort_keys=True),
+        "origin": json.dumps(entry.get("origin"), sort_keys=True),
+        "signals": json.dumps(signal_facts, sort_keys=True),
+        "inputs": json.dumps({file["path"]: file["sha256"] for file in inputs}, sort_keys=True),
+    }
+    path = place.synced_file(recording.driver, recording.name)
+    publish_table(path, synced.replace_schema_metadata(metadata))
+    runs = synced["run"].drop_null()
+    facts = {"rows": len(synced), "runs": len(runs.unique()), "rows_in_runs": len(runs)}
+    entry["outputs"] = [describe_output(project, path, **facts), *outputs]
+    return Outcome(entry, tuple(problems))
+
+
+def _input_facts(
+    recording: Recording, path: Path, reader: Reader, account: Account, span: tuple[int | None, int | None]
+) -> dict[str, Any]:
+    return {
+        "path": path.relative_to(recording.folder).as_posix(),
+        "sha256": sha256(path),
+        "bytes": path.stat().st_size,
+        "format": reader.format,
+        "kind": reader.kind,
+        "accepted": account.accepted,
+        "rejected": account.rejected,
+        "truncated": account.truncated,
+        "rejections": [{"where": where, "reason": reason} for where, reason in account.rejections],
+        "start": None if span[0] is None else iso_utc(span[0]),
+        "stop": None if span[1] is None else iso_utc(span[1]),
+    }
+
+
+def _account_problems(path: Path, account: Account) -> list[InputError]:
+    problems = []
+    if account.rejected:
+        where, reason = account.rejections[0]
+        more = f"; {account.rejected - 1} more are in manifest.json" if account.rejected > 1 else ""
+        total = account.accepted + account.rejected
+        problems.append(InputError(path, where, f"{account.rejected} of {total} records rejected: {reason}{more}"))
+    if account.truncated:
+        reason = (
+            "the file ends within a record, which is lost; the logger may have been cut off or the copy is not whole"
+        )
+        problems.append(InputError(path, "end", reason))
+    return problems
+
+
+def _read_signals(
+    files: Mapping[str, list[Path]],
+    mapping: Mapping[str, MappedSignal],
+    recording: Recording,
+    problems: list[InputError],
+) -> tuple[dict[str, SampledSignal], dict[str, Any]]:
+    sampled: dict[str, SampledSignal] = {}
+    facts: dict[str, Any] = {}
+    for canonical, mapped in mapping.items():
+        signal = read_mapped(files[mapped.message], mapped) if mapped.message in files else None
+        if signal is None:
+            on = f" on channel {mapped.channel}" if mapped.channel else ""
+            reason = f"the recording holds no frame of message {mapped.message}{on}, which {canonical} is mapped to"
+            problems.append(InputError(recording.folder, f"can.signals.{canonical}", reason))
+            continue
+        if signal.out_of_range:
+            reason = f"{signal.out_of_range} of {len(signal.time)} samples lie outside the signal's range and are null"
+            problems.append(InputError(recording.folder, f"can.signals.{canonical}", reason))
+        sampled[canonical] = signal
+        facts[canonical] = asdict(replace(mapped, channel=signal.channel)) | {
+            "samples": len(signal.time),
+            "out_of_range": signal.out_of_range,
+        }
+    return sampled, facts
+
+
+def _absent_sources(
+    recording: Recording,
+    config: Config,
+    mapping: Mapping[str, MappedSignal],
+    sampled: Mapping[str, SampledSignal],
+    navigation: Mapping[str, SampledSignal],
+) -> list[InputError]:
+    problems = []
+    if "x" not in navigation:
+        reason = "no navigation with a valid position; without it there is no path, and no dataset, from this recording"
+        problems.append(InputError(recording.folder, "", reason))
+    if not sampled and mapping and config.can.signals:
+        reason = "no CAN log with a mapped signal; without it there is no steering, and no dataset, from this recording"
+        problems.append(InputError(recording.folder, "", reason))
+    return problems
+
+
+def _clock(
+    config: Config, can: Mapping[str, SampledSignal], nav: Mapping[str, SampledSignal], recording: Recording
+) -> ClockEstimate:
+    start = min((int(signal.time[0]) for signal in can.values()), default=0)
+    if config.sync.clock == "trust":
+        return fixed_clock(0.0, start, "sync.clock = trust")
+    if not isinstance(config.sync.clock, str):
+        return fixed_clock(config.sync.clock, start, f"sync.clock = {config.sync.clock}")
+    if "speed" not in can or "nav_speed" not in nav:
+        return fixed_clock(0.0, start, f"{recording.key} lacks the speed of the car or of navigation", applied=False)
+    yaw = {}
+    if "yaw_rate" in can and "nav_yaw_rate" in nav:
+        yaw = {
+            "can_yaw_rate": (can["yaw_rate"].time, can["yaw_rate"].values),
+            "nav_yaw_rate": (nav["nav_yaw_rate"].time, nav["nav_yaw_rate"].values),
+        }
+    speed, nav_speed = can["speed"], nav["nav_speed"]
+    return estimate_clock(speed.time, speed.values, nav_speed.time, nav_speed.values, **yaw)
+
+
+def _clock_facts(clock: ClockEstimate) -> dict[str, Any]:
+    facts = asdict(clock)
+    return {
+        name: None if isinstance(value, float) and not np.isfinite(value) else value for name, value in facts.items()
+    }
+
+
+def _no_overlap(
+    recording: Recording, can: Mapping[str, SampledSignal], nav: Mapping[str, SampledSignal], clock: ClockEstimate
+) -> InputError | None:
+    if not can or not nav:
+        return None
+    shift = round(clock.offset_s * 1e9)
+    can_start = min(int(signal.time.min()) for signal in can.values()) - shift
+    can_stop = max(int(signal.time.max()) for signal in can.values()) - shift
+    nav_start = min(int(signal.time.min()) for signal in nav.values())
+    nav_stop = max(int(signal.time.max()) for signal in nav.values())
+    if can_start < nav_stop and nav_start < can_stop:
+        return None
+    reason = (
+        f"the CAN log ({iso_utc(can_start)} to {iso_utc(can_stop)}) and navigation ({iso_utc(nav_start)} to "
+        f"{iso_utc(nav_stop)}) have no time in common; the logs of two drives may have been mixed up, or the CAN "
+        "logger's clock is off: then give sync.clock its offset in seconds"
+    )
+    return InputError(recording.folder, "", reason)

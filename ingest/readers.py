@@ -1,0 +1,168 @@
+"""The table of readers, and finding the one a file belongs to by its content."""
+
+from __future__ import annotations
+
+import gzip
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, cast
+
+from ..schemas.errors import InputError
+from .account import Account
+from .can.candump import Candump
+from .oxts.ncom import Ncom
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from .can.frames import FrameBatch
+
+HEAD = 65_536
+
+
+class Reader(Protocol):
+    """What reads one format: small, picklable, without open files.
+
+    Attributes:
+        format: Name of the format.
+        kind: `can`: `batches` yields `FrameBatch`; `nav`: it yields record batches in the schema `NAVIGATION`.
+        path: The file.
+    """
+
+    format: ClassVar[str]
+    kind: ClassVar[Literal["can", "nav"]]
+    path: Path
+
+    def __init__(self, path: Path) -> None: ...
+
+    @staticmethod
+    def sniff(head: bytes) -> bool:
+        """Tell from the first 64 KiB, decompressed, whether the file is of this format."""
+        ...
+
+
+class FrameReader(Reader, Protocol):
+    """A reader of CAN frames."""
+
+    def batches(self, account: Account) -> Iterator[FrameBatch]:
+        """Yield the frames in the order of the file, counting every record in `account`."""
+        ...
+
+
+class NavigationReader(Reader, Protocol):
+    """A reader of navigation."""
+
+    def batches(self, account: Account) -> Iterator[pa.RecordBatch]:
+        """Yield the samples in the order of time, counting every record in `account`."""
+        ...
+
+
+READERS: tuple[type[Reader], ...] = (Candump, Ncom)
+"""Every reader; a new one is a line here (and passes the compliance tests)."""
+
+
+def recognise(path: Path) -> Reader:
+    """Return the reader that the content of a file belongs to.
+
+    Raises:
+        InputError: The file is missing, unreadable or empty, or no reader claims it, or more than one does.
+    """
+    head = _head(path)
+    if not head:
+        raise InputError(path, "", "the file is empty; the logger may have been stopped before it wrote anything")
+    claims = [reader for reader in READERS if reader.sniff(head)]
+    if len(claims) == 1:
+        return claims[0](path)
+    known = ", ".join(reader.format for reader in READERS)
+    if claims:
+        both = " and ".join(reader.format for reader in claims)
+        raise InputError(path, "", f"looks like {both} at once; keep one kind of record in a file")
+    raise InputError(
+        path,
+        "",
+        f"is of no format that is known here ({known}); it begins with {head[:24]!r}. Export it as one of these",
+    )
+
+
+def read_frames(path: str | Path) -> pa.Table:
+    """Read a CAN log of any known format.
+
+    Args:
+        path: The log.
+
+    Returns:
+        All frames in the order of the file, in the schema `FRAMES`: `time` (ns, UTC as far as the logger knew),
+        `channel`, `id`, `extended`, `fd`, `kind` (data, remote, error), `data`. The schema's metadata holds the
+        account: `format`, `accepted`, `rejected`, `truncated`.
+
+    Raises:
+        InputError: The file is missing or is not a CAN log.
+    """
+    import pyarrow as pa
+
+    from ..schemas.tables import FRAMES
+
+    reader = cast("FrameReader", _of_kind(Path(path), "can"))
+    account = Account()
+    batches = [batch.to_arrow() for batch in reader.batches(account)]
+    return pa.Table.from_batches(batches, FRAMES).replace_schema_metadata(_account(reader, account))
+
+
+def read_nav(path: str | Path) -> pa.Table:
+    """Read a navigation log of any known format.
+
+    Args:
+        path: The log.
+
+    Returns:
+        The navigation vocabulary at the log's own rate, in the schema `NAVIGATION`: metres east and north of
+        `origin` (in the schema's metadata, JSON), degrees anticlockwise from east, positive to the left; null where
+        the unit did not know. The metadata holds the account too: `format`, `accepted`, `rejected`, `truncated`.
+
+    Raises:
+        InputError: The file is missing, is not a navigation log, or its time cannot be known.
+    """
+    import pyarrow as pa
+
+    from ..schemas.tables import NAVIGATION
+
+    reader = cast("NavigationReader", _of_kind(Path(path), "nav"))
+    account = Account()
+    batches = list(reader.batches(account))
+    schema = batches[0].schema if batches else NAVIGATION
+    table = pa.Table.from_batches(batches, schema)
+    return table.replace_schema_metadata({**(schema.metadata or {}), **_account(reader, account)})
+
+
+def _account(reader: Reader, account: Account) -> dict[str, str]:
+    return {
+        "format": reader.format,
+        "accepted": str(account.accepted),
+        "rejected": str(account.rejected),
+        "truncated": str(account.truncated).lower(),
+    }
+
+
+def _of_kind(path: Path, kind: Literal["can", "nav"]) -> Reader:
+    reader = recognise(path)
+    if reader.kind != kind:
+        wanted, other = ("a CAN log", "read_nav") if kind == "can" else ("a navigation log", "read_frames")
+        raise InputError(path, "", f"is {reader.format}, not {wanted}; `wheelprint.{other}` reads it")
+    return reader
+
+
+def _head(path: Path) -> bytes:
+    try:
+        with path.open("rb") as raw:
+            head = raw.read(HEAD)
+        if not head.startswith(b"\x1f\x8b"):
+            return head
+        with gzip.open(path) as content:
+            return content.read(HEAD)
+    except FileNotFoundError:
+        raise InputError(path, "", "no such file; check the path, or whether the disk is mounted") from None
+    except (EOFError, zlib.error, gzip.BadGzipFile):
+        return zlib.decompressobj(wbits=31).decompress(head, HEAD)
+    except OSError as error:
+        raise InputError(path, "", f"cannot be read: {error.strerror or error}") from None

@@ -1,0 +1,110 @@
+"""Signals of any rate to one grid of time, without inventing anything in their gaps."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from ..schemas.angles import wrap_degrees
+from ..schemas.signals import Resampling
+
+Times = npt.NDArray[np.int64]
+Values = npt.NDArray[np.float64]
+
+
+def grid(start: int, stop: int, period: int) -> Times:
+    """Return the exact multiples of `period` in the half-open interval [start, stop), all in ns since 1970.
+
+    The first is at or after `start`, the last before `stop`: the grid of samples that end at `last`, inclusive, is
+    `grid(first, last + 1, period)`.
+    """
+    return np.arange(-(-start // period), -(-stop // period), dtype=np.int64) * period
+
+
+def resample(
+    time: Times, values: npt.ArrayLike, grid_time: Times, method: Resampling, max_gap: int, period: int
+) -> Values:
+    """Bring one signal to a grid; NaN where it says nothing. Nothing is extrapolated.
+
+    Args:
+        time: (n_samples,) stamps in ns; they need not increase, and of equal ones the last counts.
+        values: (n_samples,) values; NaN and infinite ones are dropped before anything else.
+        grid_time: (n_grid,) times in ns.
+        method: `linear` between the two neighbours if they are at most `max_gap` apart; a sample that hits the grid
+            counts by itself. `angle` the same in degrees along the shorter arc, in [-180, 180). `mean` the average of
+            the piecewise linear signal over one `period` centred on the grid time, where all of that period is
+            covered by samples at most `max_gap` apart; if the samples are not at least twice as dense as the grid
+            (by their median distance), `linear`. `hold` the last value at or before, not older than `max_gap`.
+        max_gap: Longest gap that is bridged, ns.
+        period: Period of the grid, ns.
+
+    Returns:
+        (n_grid,) values.
+    """
+    time, samples = _in_order(time, np.asarray(values, np.float64))
+    if len(time) == 0:
+        return np.full(len(grid_time), np.nan)
+    if method == "hold":
+        before = np.searchsorted(time, grid_time, "right") - 1
+        held = (before >= 0) & (grid_time - time[before] <= max_gap)
+        return np.where(held, samples[before], np.nan)
+    if method == "mean" and len(time) > 1 and 2 * np.median(np.diff(time)) <= period:
+        return _average(time, samples, grid_time, max_gap, period)
+    return _interpolate(time, samples, grid_time, max_gap, circular=method == "angle")
+
+
+def number_runs(complete: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
+    """Return for each row the number of its stretch of complete rows, from 0, and -1 where it is not complete."""
+    begins = complete & ~np.concatenate(([False], complete[:-1]))
+    return np.where(complete, np.cumsum(begins) - 1, -1).astype(np.int32)
+
+
+def _in_order(time: Times, values: Values) -> tuple[Times, Values]:
+    """Return the finite samples by strictly increasing time."""
+    present = np.isfinite(values)
+    if not present.all():
+        time, values = time[present], values[present]
+    if (np.diff(time) > 0).all():
+        return time, values
+    order = np.argsort(time, kind="stable")
+    time, values = time[order], values[order]
+    last = np.append(time[1:] != time[:-1], True)
+    return time[last], values[last]
+
+
+def _interpolate(time: Times, values: Values, at: Times, max_gap: int, *, circular: bool) -> Values:
+    after = np.searchsorted(time, at, "left")
+    inside = (at >= time[0]) & (at <= time[-1])
+    after = np.clip(after, 0, len(time) - 1)
+    before = np.maximum(after - 1, 0)
+    hit = inside & (time[after] == at)
+    width = time[after] - time[before]
+    between = inside & ~hit & (width <= max_gap)
+    share = (at - time[before]) / np.maximum(width, 1)
+    step = values[after] - values[before]
+    if circular:
+        step = wrap_degrees(step)
+    result = np.where(hit, values[after], np.where(between, values[before] + share * step, np.nan))
+    return wrap_degrees(result) if circular else result
+
+
+def _average(time: Times, values: Values, at: Times, max_gap: int, period: int) -> Values:
+    start = at - period // 2
+    stop = start + period
+    gaps_before = np.concatenate(([0], np.cumsum(np.diff(time) > max_gap)))
+    first = np.clip(np.searchsorted(time, start, "right") - 1, 0, len(time) - 2)
+    last = np.clip(np.searchsorted(time, stop, "left"), 1, len(time) - 1)
+    covered = (start >= time[0]) & (stop <= time[-1]) & (gaps_before[first] == gaps_before[last])
+    # The integral runs over the deviation from the median, so that a constant comes back as it was.
+    level = float(np.median(values))
+    deviation = values - level
+    width = np.diff(time)
+    integral = np.concatenate(([0.0], np.cumsum(0.5 * width * (deviation[1:] + deviation[:-1]))))
+
+    def integral_to(end: Times, segment: npt.NDArray[np.intp]) -> Values:
+        elapsed = end - time[segment]
+        slope = (deviation[segment + 1] - deviation[segment]) / width[segment]
+        return integral[segment] + elapsed * (deviation[segment] + 0.5 * slope * elapsed)
+
+    area = integral_to(stop, last - 1) - integral_to(start, first)
+    return np.where(covered, level + area / period, np.nan)

@@ -1,0 +1,127 @@
+"""Decoding one CAN log into one Parquet file for each message, in bounded memory."""
+
+from __future__ import annotations
+
+from collections import Counter
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from ..schemas.project import encode_name
+from ..schemas.store import parquet_writer, publish
+from .account import Account
+from .can.database import Database, MessageLayout
+from .can.decode import decode_payloads, message_schema, split_by_message
+from .can.frames import ERROR, REMOTE, FrameBatch
+from .readers import FrameReader
+
+BUFFERED_BYTES = 64 << 20
+
+
+@dataclass(slots=True)
+class DecodedLog:
+    """What became of a CAN log.
+
+    Attributes:
+        files: The published file of each message.
+        rows: Frames of each message.
+        unknown: Data frames of each identifier that no database knows, as `0x123` or, extended, `0x00000123x`.
+        remote: Remote frames; they have no payload.
+        errors: Error frames.
+        start: First stamp, ns; None where there is no frame.
+        stop: Last stamp, ns.
+    """
+
+    files: dict[str, Path] = field(default_factory=dict)
+    rows: Counter[str] = field(default_factory=Counter)
+    unknown: Counter[str] = field(default_factory=Counter)
+    remote: int = 0
+    errors: int = 0
+    start: int | None = None
+    stop: int | None = None
+
+
+def signal_file(folder: Path, log: str, message: str) -> Path:
+    """Return where the signals of a message are stored: `<log file name>.<message>.parquet`."""
+    return folder / f"{encode_name(log)}.{encode_name(message)}.parquet"
+
+
+def decode_log(reader: FrameReader, account: Account, database: Database, folder: Path, log: str) -> DecodedLog:
+    """Decode every known message of a log into `folder`.
+
+    Args:
+        reader: The log.
+        account: Filled by the reader.
+        database: The messages to decode.
+        folder: Where the files go; each holds `time` (the logger's stamp, not corrected), `channel` and the message's
+            signals in physical values, with unit, description and value table in the fields' metadata.
+        log: Name of the log within the recording, for the file names.
+
+    Raises:
+        InputError: The log is damaged in a way that its reader cannot go on from; nothing is published.
+    """
+    decoded = DecodedLog()
+    writers: dict[str, pq.ParquetWriter] = {}
+    waiting: dict[str, list[pa.Table]] = {}
+    with ExitStack() as drafts:
+
+        def flush() -> None:
+            for name, tables in waiting.items():
+                writers[name].write_table(pa.concat_tables(tables))
+            waiting.clear()
+
+        for batch in reader.batches(account):
+            if len(batch) == 0:
+                continue
+            _count(decoded, batch)
+            known, unknown = split_by_message(batch, database)
+            for (identifier, extended), frames in unknown.items():
+                decoded.unknown[f"0x{identifier:08X}x" if extended else f"0x{identifier:03X}"] += frames
+            for layout, rows in known:
+                if layout.name not in writers:
+                    path = signal_file(folder, log, layout.name)
+                    schema = message_schema(layout).with_metadata(
+                        {**(message_schema(layout).metadata or {}), "source": log, "clock": "logger"}
+                    )
+                    decoded.files[layout.name] = path
+                    draft = drafts.enter_context(publish(path))
+                    writers[layout.name] = drafts.enter_context(parquet_writer(draft, schema))
+                decoded.rows[layout.name] += len(rows)
+                waiting.setdefault(layout.name, []).append(
+                    _table(batch, layout, rows).replace_schema_metadata(writers[layout.name].schema.metadata)
+                )
+            if sum(table.nbytes for tables in waiting.values() for table in tables) > BUFFERED_BYTES:
+                flush()
+        flush()
+    return decoded
+
+
+def _count(decoded: DecodedLog, batch: FrameBatch) -> None:
+    decoded.remote += int(np.count_nonzero(batch.kind == REMOTE))
+    decoded.errors += int(np.count_nonzero(batch.kind == ERROR))
+    first, last = int(batch.time.min()), int(batch.time.max())
+    decoded.start = first if decoded.start is None else min(decoded.start, first)
+    decoded.stop = last if decoded.stop is None else max(decoded.stop, last)
+
+
+def _table(batch: FrameBatch, layout: MessageLayout, rows: np.ndarray[tuple[int], np.dtype[np.intp]]) -> pa.Table:
+    signals = decode_payloads(layout, batch.data[rows], batch.length[rows])
+    schema = message_schema(layout)
+    channels = pa.array(batch.channels, pa.string()).take(pa.array(batch.channel[rows]))
+    columns = [pa.array(batch.time[rows], schema.field("time").type), channels]
+    return pa.Table.from_arrays([*columns, *(signals[name] for name in schema.names[2:])], schema=schema)
+
+
+def as_facts(decoded: DecodedLog) -> dict[str, object]:
+    """Return the counts for the manifest: accepted frames = decoded + unknown + remote + errors."""
+    return {
+        "decoded": sum(decoded.rows.values()),
+        "unknown": sum(decoded.unknown.values()),
+        "unknown_ids": dict(sorted(decoded.unknown.items())),
+        "remote": decoded.remote,
+        "errors": decoded.errors,
+    }

@@ -1,0 +1,102 @@
+"""The part of scikit-learn's estimator protocol that `clone` and the model selection tools need, without its import."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class Estimator:
+    """Parameters by name, as in scikit-learn: the constructor stores its arguments untouched, `fit` checks them.
+
+    Importing scikit-learn takes seconds, so nothing is inherited from it; `sklearn.base.clone` only asks for
+    `get_params` and such a constructor.
+    """
+
+    _estimator_type: ClassVar[str]
+
+    @classmethod
+    def _parameter_names(cls) -> list[str]:
+        return [name for name in inspect.signature(cls).parameters]
+
+    def get_params(self, deep: bool = True) -> dict[str, Any]:  # noqa: ARG002 - no estimator here nests another
+        """Return the constructor's arguments by name."""
+        return {name: getattr(self, name) for name in self._parameter_names()}
+
+    def set_params(self, **parameters: Any) -> Self:
+        """Change constructor arguments by name.
+
+        Raises:
+            ValueError: A name is not one of the constructor's.
+        """
+        known = self._parameter_names()
+        unknown = [name for name in parameters if name not in known]
+        if unknown:
+            raise ValueError(
+                f"{type(self).__name__} has no parameter {', '.join(unknown)}; its parameters are {', '.join(known)}"
+            )
+        for name, value in parameters.items():
+            setattr(self, name, value)
+        return self
+
+    def __repr__(self) -> str:
+        arguments = ", ".join(f"{name}={value!r}" for name, value in self.get_params().items())
+        return f"{type(self).__name__}({arguments})"
+
+    def __sklearn_tags__(self) -> Any:
+        from sklearn.utils import RegressorTags, Tags, TargetTags
+
+        regresses = self._estimator_type == "regressor"
+        return Tags(
+            estimator_type=self._estimator_type,
+            target_tags=TargetTags(required=regresses, multi_output=regresses, single_output=True),
+            regressor_tags=RegressorTags() if regresses else None,
+        )
+
+    def _require_fit(self, attribute: str) -> None:
+        if not hasattr(self, attribute):
+            from sklearn.exceptions import NotFittedError
+
+            raise NotFittedError(f"this {type(self).__name__} is not fitted yet; call `fit` first")
+
+
+def as_rows(values: npt.ArrayLike, name: str, features: int | None = None) -> npt.NDArray[np.floating[Any]]:
+    """Return `values` as a finite array of shape (n_samples, n_features), float32 and float64 uncopied.
+
+    Args:
+        values: Whatever numpy can read as an array of real numbers.
+        name: What an error calls it.
+        features: Number of columns it must have; None takes any but zero.
+
+    Raises:
+        ValueError: It has another shape, or holds NaN, infinite or complex values.
+    """
+    array = np.asarray(values)
+    if array.dtype.kind == "c":
+        raise ValueError(f"Complex data not supported: {name} has type {array.dtype}")
+    if array.dtype not in (np.float32, np.float64):
+        array = array.astype(np.float64)
+    if array.ndim != 2:
+        raise ValueError(
+            f"Expected 2D array, got {array.ndim}D array instead: {name} must have the shape (n_samples, n_features). "
+            "Reshape your data either using array.reshape(-1, 1) if it has a single feature or array.reshape(1, -1) "
+            "if it is a single sample"
+        )
+    if array.shape[1] == 0:
+        raise ValueError(f"{name} has 0 feature(s) (shape={array.shape}) while a minimum of 1 is required.")
+    if features is not None and array.shape[1] != features:
+        raise ValueError(f"{name} has {array.shape[1]} features, but the model was fitted on {features} features")
+    finite = np.isfinite(np.add.reduce(array, axis=0, dtype=np.float64))
+    if not finite.all():
+        bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+        if bad.size:
+            raise ValueError(
+                f"{name} contains NaN or infinity in {bad.size} of {array.shape[0]} rows, the first is row {bad[0]}; "
+                "leave rows with missing values out"
+            )
+    return array

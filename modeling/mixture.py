@@ -1,0 +1,463 @@
+"""Gaussian mixtures with full covariances, fitted by expectation maximisation (MP eqs. 4 to 7, PP eqs. 5 to 9)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from .estimator import Estimator, FloatArray, as_rows
+
+ParameterCount = Literal["full", "paper"]
+
+# Values per chunk and component: 2 MB of float64 stay in the cache from the E step to the M step.
+CHUNK_VALUES = 2**18
+# k-means and the choice among starts see at most this many rows.
+START_ROWS = 20_000
+# A responsibility below this vanishes in the rounding of the sums it would be added to.
+NEGLIGIBLE = 1e-16
+
+
+@dataclass(frozen=True, slots=True)
+class _Parameters:
+    """Weights (k,), means (k, d), covariances (k, d, d) and their lower Cholesky factors (k, d, d)."""
+
+    weights: FloatArray
+    means: FloatArray
+    covariances: FloatArray
+    factors: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class _Statistics:
+    """What one pass over the rows leaves for the M step.
+
+    The moments are those of y = L⁻¹(x − μ), L and μ of the pass: `first` is Σ r y (k, d), `second` the lower triangle
+    of Σ r y yᵀ (k, d, d). In these coordinates every component is close to the unit ball whatever the units and the
+    condition of the data, so that centring them afterwards cancels nothing.
+    """
+
+    log_likelihood: float
+    counts: FloatArray
+    first: FloatArray
+    second: FloatArray
+
+
+class GaussianMixture(Estimator):
+    """A mixture of k Gaussians with full covariances.
+
+    `fit` follows scikit-learn's conventions and gives its numbers from the same start. The start is the most likely of
+    `n_starts` runs of k-means and EM on at most 20,000 rows; EM on all rows goes on from there. E and M step are one
+    pass in chunks of rows, so that beside `X` a few megabytes are needed.
+
+    A component is dropped when it has collapsed: fewer effective rows (sum of responsibilities) than `n_features + 1`,
+    so that its covariance is made of regularisation alone in some direction, or a covariance that is not positive
+    definite. `weights_` is then shorter than `n_components`; the last component is never dropped.
+
+    Args:
+        n_components: Number k of components.
+        covariance_regularisation: Added to each covariance's diagonal, in units of the variance of that channel over
+            all rows (of 1 where a channel is constant): a change of units changes nothing.
+        n_starts: Number of random starts.
+        max_iterations: Most M steps, on the rows of the starts and on all rows each.
+        tolerance: EM ends when the mean log-likelihood of a row rises by less, in nats.
+        random_state: Seed or generator of the starts; None draws another start each time.
+
+    Attributes:
+        weights_: Weights p, shape (k,).
+        means_: Means μ, shape (k, n_features), in the units of the data.
+        covariances_: Covariances Σ, shape (k, n_features, n_features).
+        converged_: False where `max_iterations` ended the fit.
+        n_iterations_: M steps on all rows since the last dropped component.
+        log_likelihoods_: Mean log-likelihood of a row before the first and after each M step since the last dropped
+            component, shape (n_iterations_ + 1,); never falls, and the last one is `score` of the training rows. The
+            regularisation can make an M step lower the likelihood: such a step is taken back and ends the fit.
+        n_dropped_: Components dropped.
+        n_features_in_: Number of columns.
+    """
+
+    _estimator_type: ClassVar[str] = "density_estimator"
+
+    weights_: FloatArray
+    means_: FloatArray
+    covariances_: FloatArray
+    converged_: bool
+    n_iterations_: int
+    log_likelihoods_: FloatArray
+    n_dropped_: int
+    n_features_in_: int
+
+    def __init__(
+        self,
+        n_components: int = 1,
+        *,
+        covariance_regularisation: float = 1e-6,
+        n_starts: int = 1,
+        max_iterations: int = 200,
+        tolerance: float = 1e-5,
+        random_state: int | np.random.Generator | None = 0,
+    ) -> None:
+        self.n_components = n_components
+        self.covariance_regularisation = covariance_regularisation
+        self.n_starts = n_starts
+        self.max_iterations = max_iterations
+        self.tolerance = tolerance
+        self.random_state = random_state
+
+    @classmethod
+    def from_parameters(
+        cls, weights: npt.ArrayLike, means: npt.ArrayLike, covariances: npt.ArrayLike, **settings: Any
+    ) -> Self:
+        """Return a fitted mixture of given parameters.
+
+        Args:
+            weights: Positive, shape (k,); divided by their sum.
+            means: Shape (k, n_features).
+            covariances: Symmetric and positive definite, shape (k, n_features, n_features).
+            settings: Further arguments of the constructor.
+
+        Raises:
+            ValueError: The shapes do not belong together, or a weight or covariance is not positive.
+        """
+        weights, means, covariances = (np.array(values, dtype=np.float64) for values in (weights, means, covariances))
+        if means.ndim != 2 or weights.shape != means.shape[:1] or covariances.shape != (*means.shape, means.shape[1]):
+            raise ValueError(
+                "expected weights (k,), means (k, n_features) and covariances (k, n_features, n_features), found "
+                f"{weights.shape}, {means.shape} and {covariances.shape}"
+            )
+        if not (weights > 0).all():
+            raise ValueError(f"weights must be positive, found {weights.min()}")
+        factors = [_cholesky(covariance) for covariance in covariances]
+        singular = [str(component) for component, factor in enumerate(factors) if factor is None]
+        if singular:
+            raise ValueError(f"the covariance of component {', '.join(singular)} is not positive definite")
+        mixture = cls(len(weights), **settings)
+        mixture._keep(_Parameters(weights / weights.sum(), means, covariances, np.array(factors)))
+        mixture.converged_, mixture.n_iterations_, mixture.n_dropped_ = True, 0, 0
+        mixture.log_likelihoods_ = np.empty(0)
+        return mixture
+
+    def fit(
+        self,
+        X: npt.ArrayLike,
+        y: object = None,  # noqa: ARG002 - part of scikit-learn's protocol
+        *,
+        initial_responsibilities: npt.ArrayLike | None = None,
+        initial_mixture: GaussianMixture | None = None,
+    ) -> Self:
+        """Fit the mixture by expectation maximisation.
+
+        Args:
+            X: Rows, shape (n_samples, n_features), float32 or float64 in any units; never copied as a whole.
+            y: Ignored.
+            initial_responsibilities: Start from an M step with these, shape (n_samples, n_components), rows of sum 1.
+            initial_mixture: Start from this fitted mixture.
+
+        Raises:
+            ValueError: A setting, shape or value is not usable; there are fewer rows than components; or, without
+                regularisation, no component keeps a positive definite covariance.
+        """
+        self._check_settings()
+        rows = as_rows(X, "X")
+        n, d = rows.shape
+        if n < max(self.n_components, 1):
+            raise ValueError(
+                f"Expected n_samples >= n_components but got n_components = {self.n_components}, n_samples = {n}: "
+                f"a minimum of {self.n_components} is required."
+            )
+        variances = _variances(rows)
+        ridge = self.covariance_regularisation * variances
+        if initial_mixture is not None:
+            as_rows(rows[:1], "X", initial_mixture.n_features_in_)
+            start = initial_mixture._parameters
+        elif initial_responsibilities is not None:
+            given = as_rows(initial_responsibilities, "initial_responsibilities")
+            if given.shape != (n, self.n_components):
+                raise ValueError(
+                    f"initial_responsibilities must have the shape {(n, self.n_components)}, found {given.shape}"
+                )
+            start = _moments(rows, given, ridge)
+        else:
+            start = self._search(rows, np.sqrt(variances), ridge)
+        self._run(rows, start, ridge)
+        self._keep(self._parameters)
+        return self
+
+    def score_samples(self, X: npt.ArrayLike) -> FloatArray:
+        """Return the log density of each row in nats (log of MP eq. 4), shape (n_samples,)."""
+        return _log_sum(self.log_joint(X))
+
+    def score(self, X: npt.ArrayLike, y: object = None) -> float:  # noqa: ARG002 - part of scikit-learn's protocol
+        """Return the mean log density of a row in nats."""
+        return float(self.score_samples(X).mean())
+
+    def predict_proba(self, X: npt.ArrayLike) -> FloatArray:
+        """Return each row's posterior responsibilities (MP eq. 7), shape (n_samples, k)."""
+        joint = self.log_joint(X)
+        return np.exp(joint - _log_sum(joint)[:, None])
+
+    def predict(self, X: npt.ArrayLike) -> npt.NDArray[np.intp]:
+        """Return each row's most probable component from 0 (MP eq. 6, PP eq. 9), shape (n_samples,)."""
+        return self.log_joint(X).argmax(axis=1)
+
+    def log_joint(self, X: npt.ArrayLike) -> FloatArray:
+        """Return log p_k + log g_k(x) for each row and component in nats, shape (n_samples, k).
+
+        Raises:
+            ValueError: The mixture is not fitted, or the rows have another number of columns or missing values.
+        """
+        self._require_fit("means_")
+        rows = as_rows(X, "X", self.n_features_in_)
+        joint = np.empty((len(rows), len(self.weights_)))
+        for part in _chunks(rows):
+            joint[part] = _log_joint(rows[part].astype(np.float64, copy=False), self._parameters)[0]
+        return joint
+
+    def sample(
+        self, n_samples: int = 1, random_state: int | np.random.Generator | None = 0
+    ) -> tuple[FloatArray, npt.NDArray[np.intp]]:
+        """Draw rows.
+
+        Returns:
+            Rows in random order, shape (n_samples, n_features), and the component each was drawn from, (n_samples,).
+        """
+        self._require_fit("means_")
+        generator = np.random.default_rng(random_state)
+        labels = generator.choice(len(self.weights_), n_samples, p=self.weights_).astype(np.intp, copy=False)
+        rows = generator.standard_normal((n_samples, self.n_features_in_))
+        for component, factor in enumerate(self._parameters.factors):
+            own = labels == component
+            rows[own] = self.means_[component] + rows[own] @ factor.T
+        return rows, labels
+
+    def n_parameters(self, parameter_count: ParameterCount = "full") -> int:
+        """Return the number of free parameters that BIC and AIC charge for.
+
+        Args:
+            parameter_count: "full" counts weights, means and covariances, k − 1 + kd + kd(d + 1)/2; "paper" is
+                2k + kd of PP eq. 8, which charges one figure for a covariance.
+        """
+        self._require_fit("means_")
+        k, d = self.means_.shape
+        if parameter_count == "paper":
+            return 2 * k + k * d
+        return k - 1 + k * d + k * d * (d + 1) // 2
+
+    def bic(self, X: npt.ArrayLike, parameter_count: ParameterCount = "full") -> float:
+        """Return −2 log L + p log n (−2 times PP eq. 8); the lower, the better."""
+        scores = self.score_samples(X)
+        return float(-2.0 * scores.sum() + self.n_parameters(parameter_count) * math.log(len(scores)))
+
+    def aic(self, X: npt.ArrayLike, parameter_count: ParameterCount = "full") -> float:
+        """Return −2 log L + 2 p; the lower, the better."""
+        return float(-2.0 * self.score_samples(X).sum() + 2 * self.n_parameters(parameter_count))
+
+    def marginal(self, dimensions: Sequence[int] | npt.NDArray[np.integer[Any]]) -> GaussianMixture:
+        """Return the mixture that the given columns follow, in the given order."""
+        self._require_fit("means_")
+        index = np.asarray(dimensions, dtype=np.intp)
+        return GaussianMixture.from_parameters(
+            self.weights_, self.means_[:, index], self.covariances_[:, index[:, None], index]
+        )
+
+    def _check_settings(self) -> None:
+        wrong = [
+            f"{name} must be {need}, found {getattr(self, name)!r}"
+            for name, need, good in (
+                ("n_components", "at least 1", self.n_components >= 1),
+                ("covariance_regularisation", "zero or positive", self.covariance_regularisation >= 0),
+                ("n_starts", "at least 1", self.n_starts >= 1),
+                ("max_iterations", "zero or positive", self.max_iterations >= 0),
+                ("tolerance", "zero or positive", self.tolerance >= 0),
+            )
+            if not good
+        ]
+        if wrong:
+            raise ValueError("; ".join(wrong))
+
+    def _search(self, rows: npt.NDArray[np.floating[Any]], scale: FloatArray, ridge: FloatArray) -> _Parameters:
+        """Return the most likely of `n_starts` mixtures fitted to at most `START_ROWS` of the rows."""
+        generator = np.random.default_rng(self.random_state)
+        if len(rows) > START_ROWS:
+            rows = rows[np.sort(generator.choice(len(rows), START_ROWS, replace=False))]
+        found: list[tuple[float, _Parameters]] = []
+        for _ in range(self.n_starts):
+            labels = _k_means(rows / scale, self.n_components, generator)
+            run = GaussianMixture(**self.get_params())
+            run._run(rows, _moments(rows, np.eye(self.n_components)[labels], ridge), ridge)
+            found.append((run.log_likelihoods_[-1], run._parameters))
+        return max(found, key=lambda item: item[0])[1]
+
+    def _run(self, rows: npt.NDArray[np.floating[Any]], start: _Parameters, ridge: FloatArray) -> None:
+        """Run EM from `start` and keep what it leads to."""
+        parameters, statistics = start, _pass(rows, start)
+        self.log_likelihoods_, self.n_dropped_, self.converged_ = np.array([statistics.log_likelihood]), 0, False
+        for _ in range(self.max_iterations):
+            candidate, dropped = _update(parameters, statistics, ridge)
+            outcome = _pass(rows, candidate)
+            if dropped:
+                self.n_dropped_ += dropped
+                self.log_likelihoods_ = np.empty(0)
+            rise = outcome.log_likelihood - (self.log_likelihoods_[-1] if not dropped else -np.inf)
+            if rise >= 0:
+                parameters, statistics = candidate, outcome
+                self.log_likelihoods_ = np.append(self.log_likelihoods_, outcome.log_likelihood)
+            if rise < self.tolerance:
+                self.converged_ = True
+                break
+        self.n_iterations_ = len(self.log_likelihoods_) - 1
+        self._parameters = parameters
+
+    def _keep(self, parameters: _Parameters) -> None:
+        self._parameters = parameters
+        self.weights_, self.means_, self.covariances_ = parameters.weights, parameters.means, parameters.covariances
+        self.n_features_in_ = parameters.means.shape[1]
+
+
+def _chunks(rows: npt.NDArray[np.floating[Any]]) -> Iterator[slice]:
+    n, d = rows.shape
+    step = max(CHUNK_VALUES // d, 256)
+    for start in range(0, n, step):
+        yield slice(start, min(start + step, n))
+
+
+def _log_sum(joint: FloatArray) -> FloatArray:
+    top = joint.max(axis=1)
+    total: FloatArray = top + np.log(np.exp(joint - top[:, None]).sum(axis=1))
+    return total
+
+
+def _cholesky(covariance: FloatArray) -> FloatArray | None:
+    """Return the lower Cholesky factor, None where the matrix is not positive definite."""
+    try:
+        return np.linalg.cholesky(covariance)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _variances(rows: npt.NDArray[np.floating[Any]]) -> FloatArray:
+    """Return each channel's variance over all rows; 1 for a constant channel, which has no scale of its own."""
+    origin = rows[0].astype(np.float64)
+    mean = origin + sum((rows[part] - origin).sum(axis=0) for part in _chunks(rows)) / len(rows)
+    variances: FloatArray = sum(np.square(rows[part] - mean).sum(axis=0) for part in _chunks(rows)) / len(rows)
+    return np.where(variances > 0, variances, 1.0)
+
+
+def _log_joint(rows: FloatArray, parameters: _Parameters) -> tuple[FloatArray, list[FloatArray]]:
+    """Return log p_k g_k(x) (n, k), and by component the whitened rows L⁻¹(x − μ), each (n, d)."""
+    from scipy.linalg.blas import dtrsm
+
+    n, d = rows.shape
+    joint = np.empty((n, len(parameters.weights)))
+    whitened: list[FloatArray] = []
+    for k, (weight, mean, factor) in enumerate(
+        zip(parameters.weights, parameters.means, parameters.factors, strict=True)
+    ):
+        y = dtrsm(1.0, factor.T, (rows - mean).T, trans_a=1, overwrite_b=1).T
+        whitened.append(y)
+        constant = math.log(weight) - 0.5 * d * math.log(2 * math.pi) - np.log(np.diagonal(factor)).sum()
+        joint[:, k] = constant - 0.5 * np.einsum("ij,ij->i", y, y)
+    return joint, whitened
+
+
+def _pass(rows: npt.NDArray[np.floating[Any]], parameters: _Parameters) -> _Statistics:
+    """Return the likelihood of the parameters and the sums that the next M step needs."""
+    from scipy.linalg.blas import dsyrk
+
+    n, d = rows.shape
+    k = len(parameters.weights)
+    log_likelihood, counts, first = 0.0, np.zeros(k), np.zeros((k, d))
+    second = [np.zeros((d, d), order="F") for _ in range(k)]
+    for part in _chunks(rows):
+        joint, whitened = _log_joint(rows[part].astype(np.float64, copy=False), parameters)
+        totals = _log_sum(joint)
+        log_likelihood += float(totals.sum())
+        responsibilities = np.exp(joint - totals[:, None])
+        for component, y in enumerate(whitened):
+            r = responsibilities[:, component]
+            own = np.flatnonzero(r > NEGLIGIBLE)
+            root = np.sqrt(r[own])
+            weighted = y[own] * root[:, None]
+            counts[component] += r[own].sum()
+            first[component] += root @ weighted
+            second[component] = dsyrk(1.0, weighted.T, beta=1.0, c=second[component], lower=1, overwrite_c=1)
+    return _Statistics(log_likelihood / n, counts, first, np.array(second))
+
+
+def _update(parameters: _Parameters, statistics: _Statistics, ridge: FloatArray) -> tuple[_Parameters, int]:
+    """Return the M step's parameters and the number of components dropped on the way.
+
+    Only the smallest of several small components goes at a time: the rows it leaves may be what the others need.
+    """
+    k, d = parameters.means.shape
+    kept = list(range(k))
+    if k > 1 and statistics.counts.min() < d + 1:
+        kept.remove(int(statistics.counts.argmin()))
+    found: list[tuple[float, FloatArray, FloatArray, FloatArray]] = []
+    for component in kept:
+        count, factor = statistics.counts[component], parameters.factors[component]
+        shift = statistics.first[component] / count
+        lower = np.tril(statistics.second[component])
+        moment = (lower + np.tril(lower, -1).T) / count - np.outer(shift, shift)
+        covariance = factor @ moment @ factor.T
+        covariance = 0.5 * (covariance + covariance.T) + np.diag(ridge)
+        own_factor = _cholesky(covariance)
+        if own_factor is not None:
+            found.append((count, parameters.means[component] + factor @ shift, covariance, own_factor))
+    if not found:
+        raise ValueError(
+            "no component has a positive definite covariance: columns depend on each other, or there are fewer rows "
+            "than columns; raise covariance_regularisation or leave such columns out"
+        )
+    counts, means, covariances, factors = (np.array(values) for values in zip(*found, strict=True))
+    return _Parameters(counts / counts.sum(), means, covariances, factors), k - len(found)
+
+
+def _moments(
+    rows: npt.NDArray[np.floating[Any]], responsibilities: npt.NDArray[np.floating[Any]], ridge: FloatArray
+) -> _Parameters:
+    """Return the M step from given responsibilities (n, k): each component's moments about its own mean."""
+    (n, d), k = rows.shape, responsibilities.shape[1]
+    counts = responsibilities.sum(axis=0, dtype=np.float64)
+    occupied = counts > 0
+    responsibilities, counts, k = responsibilities[:, occupied], counts[occupied], int(occupied.sum())
+    means = sum(responsibilities[part].T @ rows[part].astype(np.float64) for part in _chunks(rows)) / counts[:, None]
+    second = np.zeros((k, d, d))
+    for part in _chunks(rows):
+        for component in range(k):
+            centred = rows[part] - means[component]
+            second[component] += (responsibilities[part, component, None] * centred).T @ centred
+    unit = np.broadcast_to(np.eye(d), (k, d, d))
+    start = _Parameters(counts / n, means, unit, unit)
+    return _update(start, _Statistics(math.nan, counts, np.zeros((k, d)), second), ridge)[0]
+
+
+def _k_means(
+    rows: npt.NDArray[np.floating[Any]], k: int, generator: np.random.Generator, iterations: int = 30
+) -> npt.NDArray[np.intp]:
+    """Return the labels of k-means: a k-means++ start, then Lloyd's steps until they settle."""
+    rows = rows - rows.mean(axis=0)
+    squares = np.einsum("ij,ij->i", rows, rows)
+    centres = rows[[generator.integers(len(rows))]]
+    nearest = np.full(len(rows), np.inf)
+    for _ in range(1, k):
+        nearest = np.minimum(nearest, np.square(rows - centres[-1]).sum(axis=1))
+        far = np.cumsum(nearest)
+        centres = np.vstack(
+            [centres, rows[np.searchsorted(far, generator.random() * far[-1], side="right") % len(rows)]]
+        )
+    labels = np.full(len(rows), -1, dtype=np.intp)
+    for _ in range(iterations):
+        distances = squares[:, None] - 2.0 * rows @ centres.T + np.einsum("ij,ij->i", centres, centres)
+        previous, labels = labels, distances.argmin(axis=1)
+        if (labels == previous).all():
+            break
+        for cluster in range(k):
+            own = labels == cluster
+            if own.any():
+                centres[cluster] = rows[own].mean(axis=0)
+    return labels
