@@ -14,7 +14,7 @@ from .schemas.errors import InputError
 
 if TYPE_CHECKING:
     from .schemas.project import Project
-    from .schemas.tasks import Task
+
 
 app = typer.Typer(
     name="wheelprint",

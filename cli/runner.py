@@ -115,9 +115,8 @@ def _progress(console: Console, title: str, total: int) -> Iterator[Any]:
         TimeRemainingColumn,
     )
 
-    columns = (
-        TextColumn("{task.description:<10}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(),
-    )  # fmt: skip
+    times = (TimeElapsedColumn(), TimeRemainingColumn())
+    columns = (TextColumn("{task.description:<10}"), BarColumn(), MofNCompleteColumn(), *times)
     with Progress(*columns, console=console, disable=not console.is_terminal or total == 0, transient=True) as bar:
         task = bar.add_task(title, total=total)
         yield lambda: bar.advance(task)

@@ -7,6 +7,7 @@ import hashlib
 import os
 import secrets
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
@@ -140,7 +141,7 @@ def serve(
     decided_by: str | None = None,
     ready: Callable[[str], None] = lambda _address: None,
 ) -> None:
-    """Serve the review page on 127.0.0.1 until the process is interrupted.
+    """Serve the review page on 127.0.0.1 until the process is interrupted (Ctrl-C), which is its ordinary end.
 
     Args:
         project: Whose events are reviewed.
@@ -171,7 +172,8 @@ def serve(
             app, log_level="warning", access_log=False, lifespan="off", ws="none", server_header=False
         )
         ready(f"http://{ADDRESS}:{listener.getsockname()[1]}/{token}/")
-        uvicorn.Server(settings).run(sockets=[listener])
+        with suppress(KeyboardInterrupt):
+            uvicorn.Server(settings).run(sockets=[listener])
 
 
 _HEADERS = {"cache-control": "no-store", "referrer-policy": "no-referrer", "x-content-type-options": "nosniff"}

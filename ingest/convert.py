@@ -29,7 +29,7 @@ from .signal_files import as_facts, decode_log, signal_file
 from .synchronise import SampledSignal, read_mapped, read_navigation, synchronise
 
 BESIDE_LOGS = frozenset(
-    ".avi .bag .csv .dbc .doc .docx .jpeg .jpg .json .kcd .md .mkv .mp4 .pdf .png .sym .toml .txt .xls .xlsx .xml".split()
+    ".avi .dbc .doc .docx .jpeg .jpg .json .kcd .md .mkv .mp4 .pdf .png .sym .toml .txt .xls .xlsx .xml".split()
 )
 """Suffixes of what people keep beside logs; such a file that no reader claims is listed, but is not a problem."""
 

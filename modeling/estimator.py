@@ -20,9 +20,11 @@ class Estimator:
 
     _estimator_type: ClassVar[str]
 
+    n_features_in_: int
+
     @classmethod
     def _parameter_names(cls) -> list[str]:
-        return [name for name in inspect.signature(cls).parameters]
+        return list(inspect.signature(cls).parameters)
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:  # noqa: ARG002 - no estimator here nests another
         """Return the constructor's arguments by name."""
@@ -64,18 +66,30 @@ class Estimator:
 
             raise NotFittedError(f"this {type(self).__name__} is not fitted yet; call `fit` first")
 
+    def _rows(self, X: npt.ArrayLike) -> npt.NDArray[np.floating[Any]]:
+        """Return rows that a fitted estimator can be asked about."""
+        rows = as_rows(X, "X")
+        if rows.shape[1] != self.n_features_in_:
+            raise ValueError(
+                f"X has {rows.shape[1]} features, but {type(self).__name__} is expecting {self.n_features_in_} "
+                "features as input"
+            )
+        return rows
 
-def as_rows(values: npt.ArrayLike, name: str, features: int | None = None) -> npt.NDArray[np.floating[Any]]:
+
+def as_rows(values: npt.ArrayLike, name: str) -> npt.NDArray[np.floating[Any]]:
     """Return `values` as a finite array of shape (n_samples, n_features), float32 and float64 uncopied.
 
     Args:
         values: Whatever numpy can read as an array of real numbers.
         name: What an error calls it.
-        features: Number of columns it must have; None takes any but zero.
 
     Raises:
         ValueError: It has another shape, or holds NaN, infinite or complex values.
+        TypeError: It is a sparse matrix.
     """
+    if hasattr(values, "tocsr"):
+        raise TypeError(f"{name} is sparse, and sparse input is not supported; convert it by `.toarray()`")
     array = np.asarray(values)
     if array.dtype.kind == "c":
         raise ValueError(f"Complex data not supported: {name} has type {array.dtype}")
@@ -89,8 +103,6 @@ def as_rows(values: npt.ArrayLike, name: str, features: int | None = None) -> np
         )
     if array.shape[1] == 0:
         raise ValueError(f"{name} has 0 feature(s) (shape={array.shape}) while a minimum of 1 is required.")
-    if features is not None and array.shape[1] != features:
-        raise ValueError(f"{name} has {array.shape[1]} features, but the model was fitted on {features} features")
     finite = np.isfinite(np.add.reduce(array, axis=0, dtype=np.float64))
     if not finite.all():
         bad = np.flatnonzero(~np.isfinite(array).all(axis=1))

@@ -89,7 +89,6 @@ class GaussianMixture(Estimator):
     n_iterations_: int
     log_likelihoods_: FloatArray
     n_dropped_: int
-    n_features_in_: int
 
     def __init__(
         self,
@@ -123,20 +122,9 @@ class GaussianMixture(Estimator):
         Raises:
             ValueError: The shapes do not belong together, or a weight or covariance is not positive.
         """
-        weights, means, covariances = (np.array(values, dtype=np.float64) for values in (weights, means, covariances))
-        if means.ndim != 2 or weights.shape != means.shape[:1] or covariances.shape != (*means.shape, means.shape[1]):
-            raise ValueError(
-                "expected weights (k,), means (k, n_features) and covariances (k, n_features, n_features), found "
-                f"{weights.shape}, {means.shape} and {covariances.shape}"
-            )
-        if not (weights > 0).all():
-            raise ValueError(f"weights must be positive, found {weights.min()}")
-        factors = [_cholesky(covariance) for covariance in covariances]
-        singular = [str(component) for component, factor in enumerate(factors) if factor is None]
-        if singular:
-            raise ValueError(f"the covariance of component {', '.join(singular)} is not positive definite")
-        mixture = cls(len(weights), **settings)
-        mixture._keep(_Parameters(weights / weights.sum(), means, covariances, np.array(factors)))
+        parameters = _given(weights, means, covariances)
+        mixture = cls(len(parameters.weights), **settings)
+        mixture._keep(parameters)
         mixture.converged_, mixture.n_iterations_, mixture.n_dropped_ = True, 0, 0
         mixture.log_likelihoods_ = np.empty(0)
         return mixture
@@ -163,7 +151,7 @@ class GaussianMixture(Estimator):
         """
         self._check_settings()
         rows = as_rows(X, "X")
-        n, d = rows.shape
+        n = len(rows)
         if n < max(self.n_components, 1):
             raise ValueError(
                 f"Expected n_samples >= n_components but got n_components = {self.n_components}, n_samples = {n}: "
@@ -172,8 +160,11 @@ class GaussianMixture(Estimator):
         variances = _variances(rows)
         ridge = self.covariance_regularisation * variances
         if initial_mixture is not None:
-            as_rows(rows[:1], "X", initial_mixture.n_features_in_)
-            start = initial_mixture._parameters
+            if initial_mixture.n_features_in_ != rows.shape[1]:
+                raise ValueError(
+                    f"X has {rows.shape[1]} features, but initial_mixture has {initial_mixture.n_features_in_}"
+                )
+            start = _given(initial_mixture.weights_, initial_mixture.means_, initial_mixture.covariances_)
         elif initial_responsibilities is not None:
             given = as_rows(initial_responsibilities, "initial_responsibilities")
             if given.shape != (n, self.n_components):
@@ -202,7 +193,8 @@ class GaussianMixture(Estimator):
 
     def predict(self, X: npt.ArrayLike) -> npt.NDArray[np.intp]:
         """Return each row's most probable component from 0 (MP eq. 6, PP eq. 9), shape (n_samples,)."""
-        return self.log_joint(X).argmax(axis=1)
+        labels: npt.NDArray[np.intp] = self.log_joint(X).argmax(axis=1)
+        return labels
 
     def log_joint(self, X: npt.ArrayLike) -> FloatArray:
         """Return log p_k + log g_k(x) for each row and component in nats, shape (n_samples, k).
@@ -211,7 +203,7 @@ class GaussianMixture(Estimator):
             ValueError: The mixture is not fitted, or the rows have another number of columns or missing values.
         """
         self._require_fit("means_")
-        rows = as_rows(X, "X", self.n_features_in_)
+        rows = self._rows(X)
         joint = np.empty((len(rows), len(self.weights_)))
         for part in _chunks(rows):
             joint[part] = _log_joint(rows[part].astype(np.float64, copy=False), self._parameters)[0]
@@ -242,10 +234,8 @@ class GaussianMixture(Estimator):
                 2k + kd of PP eq. 8, which charges one figure for a covariance.
         """
         self._require_fit("means_")
-        k, d = self.means_.shape
-        if parameter_count == "paper":
-            return 2 * k + k * d
-        return k - 1 + k * d + k * d * (d + 1) // 2
+        k, d = len(self.weights_), self.n_features_in_
+        return 2 * k + k * d if parameter_count == "paper" else k - 1 + k * d + k * d * (d + 1) // 2
 
     def bic(self, X: npt.ArrayLike, parameter_count: ParameterCount = "full") -> float:
         """Return −2 log L + p log n (−2 times PP eq. 8); the lower, the better."""
@@ -318,6 +308,22 @@ class GaussianMixture(Estimator):
         self.n_features_in_ = parameters.means.shape[1]
 
 
+def _given(weights: npt.ArrayLike, means: npt.ArrayLike, covariances: npt.ArrayLike) -> _Parameters:
+    weights, means, covariances = (np.array(values, dtype=np.float64) for values in (weights, means, covariances))
+    if means.ndim != 2 or weights.shape != means.shape[:1] or covariances.shape != (*means.shape, means.shape[1]):
+        raise ValueError(
+            "expected weights (k,), means (k, n_features) and covariances (k, n_features, n_features), found "
+            f"{weights.shape}, {means.shape} and {covariances.shape}"
+        )
+    if not (weights > 0).all():
+        raise ValueError(f"weights must be positive, found {weights.min()}")
+    factors = [_cholesky(covariance) for covariance in covariances]
+    singular = [str(component) for component, factor in enumerate(factors) if factor is None]
+    if singular:
+        raise ValueError(f"the covariance of component {', '.join(singular)} is not positive definite")
+    return _Parameters(weights / weights.sum(), means, covariances, np.array(factors))
+
+
 def _chunks(rows: npt.NDArray[np.floating[Any]]) -> Iterator[slice]:
     n, d = rows.shape
     step = max(CHUNK_VALUES // d, 256)
@@ -334,7 +340,7 @@ def _log_sum(joint: FloatArray) -> FloatArray:
 def _cholesky(covariance: FloatArray) -> FloatArray | None:
     """Return the lower Cholesky factor, None where the matrix is not positive definite."""
     try:
-        return np.linalg.cholesky(covariance)
+        return np.linalg.cholesky(covariance).astype(np.float64, copy=False)
     except np.linalg.LinAlgError:
         return None
 

@@ -1,0 +1,259 @@
+"""Gaussian mixture regression: the conditional distribution of some columns given the others (MP section III-C)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, Literal, Self, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from .estimator import Estimator, FloatArray, as_rows
+from .mixture import CHUNK_VALUES, GaussianMixture
+
+Indices = Sequence[int] | npt.NDArray[np.integer[Any]]
+
+
+class MixtureRegression(Estimator):
+    """Regression of Y on X by a Gaussian mixture of both.
+
+    Each component k gives a linear regression with the matrix A_k = Σ_yx Σ_xx⁻¹: mean μ_y + A_k (x − μ_x) (MP eq. 18)
+    and covariance Σ_yy − A_k Σ_xy (eq. 19). They are mixed with the posterior responsibilities β_k of the components
+    given x, priors included, and the covariance of the prediction follows from the law of total covariance:
+
+        mean = Σ β_k m_k,    covariance = Σ β_k (C_k + (m_k − mean)(m_k − mean)ᵀ)
+
+    With `faithful` it is as the paper prints it: responsibilities without the priors (eq. 20), covariance Σ β_k² C_k
+    (eq. 22), which is too small wherever components mix.
+
+    Args:
+        n_components: Number k of components.
+        covariance_regularisation: As in `GaussianMixture`.
+        n_starts: As in `GaussianMixture`.
+        max_iterations: As in `GaussianMixture`.
+        tolerance: As in `GaussianMixture`.
+        random_state: As in `GaussianMixture`.
+        faithful: Equations 20 and 22 as printed.
+
+    Attributes:
+        mixture_: The mixture of [x, y], inputs first.
+        matrices_: A_k, shape (k, n_outputs, n_inputs).
+        conditional_covariances_: C_k, shape (k, n_outputs, n_outputs).
+        n_features_in_: Number of inputs.
+        n_outputs_: Number of outputs.
+    """
+
+    _estimator_type: ClassVar[str] = "regressor"
+
+    mixture_: GaussianMixture
+    matrices_: FloatArray
+    conditional_covariances_: FloatArray
+    n_outputs_: int
+
+    def __init__(
+        self,
+        n_components: int = 1,
+        *,
+        covariance_regularisation: float = 1e-6,
+        n_starts: int = 1,
+        max_iterations: int = 200,
+        tolerance: float = 1e-5,
+        random_state: int | np.random.Generator | None = 0,
+        faithful: bool = False,
+    ) -> None:
+        self.n_components = n_components
+        self.covariance_regularisation = covariance_regularisation
+        self.n_starts = n_starts
+        self.max_iterations = max_iterations
+        self.tolerance = tolerance
+        self.random_state = random_state
+        self.faithful = faithful
+
+    @classmethod
+    def from_mixture(
+        cls,
+        mixture: GaussianMixture,
+        inputs: Indices,
+        outputs: Indices,
+        *,
+        faithful: bool = False,
+        single_output: bool = False,
+    ) -> Self:
+        """Return the regression that a fitted mixture holds.
+
+        Args:
+            mixture: A fitted mixture, or one of given arrays (`GaussianMixture.from_parameters`).
+            inputs: Its columns that are x, in the order that `predict` takes them.
+            outputs: Its columns that are y; columns in neither are marginalised.
+            faithful: As in the constructor.
+            single_output: Predict arrays of shape (n_samples,), as after `fit` with a y of that shape.
+
+        Raises:
+            ValueError: A column is out of range or named twice, or there is none.
+        """
+        chosen = [int(column) for column in (*inputs, *outputs)]
+        range_ = range(mixture.n_features_in_)
+        wrong = [str(column) for column in chosen if column not in range_ or chosen.count(column) > 1]
+        if wrong or not len(inputs) or not len(outputs):
+            raise ValueError(
+                f"inputs and outputs must each name some of the columns 0 to {len(range_) - 1}, each column once, "
+                f"found {list(map(int, inputs))} and {list(map(int, outputs))}"
+            )
+        settings = {name: value for name, value in mixture.get_params().items() if name != "n_components"}
+        regression = cls(len(mixture.weights_), **settings, faithful=faithful)
+        regression._condition(mixture.marginal(chosen), len(inputs), single_output=single_output)
+        return regression
+
+    def fit(self, X: npt.ArrayLike, y: npt.ArrayLike) -> Self:
+        """Fit the mixture of [x, y].
+
+        Args:
+            X: Inputs, shape (n_samples, n_inputs), any units.
+            y: Outputs, shape (n_samples, n_outputs), or (n_samples,) for predictions of that shape.
+
+        Raises:
+            ValueError: See `GaussianMixture.fit`; or X and y differ in their number of rows.
+        """
+        if y is None:
+            raise ValueError("requires y to be passed, but the target y is None")
+        inputs = as_rows(X, "X")
+        targets = np.asarray(y)
+        outputs = as_rows(targets[:, None] if targets.ndim == 1 else targets, "y")
+        if len(inputs) != len(outputs):
+            raise ValueError(f"X and y must have the same number of rows, found {len(inputs)} and {len(outputs)}")
+        settings = {name: value for name, value in self.get_params().items() if name != "faithful"}
+        joint = np.concatenate([inputs, outputs], axis=1)
+        self._condition(GaussianMixture(**settings).fit(joint), inputs.shape[1], single_output=targets.ndim == 1)
+        return self
+
+    @overload
+    def predict(
+        self, X: npt.ArrayLike, *, return_sd: Literal[False] = ..., return_covariance: Literal[False] = ...
+    ) -> FloatArray: ...
+    @overload
+    def predict(
+        self, X: npt.ArrayLike, *, return_sd: Literal[True], return_covariance: Literal[False] = ...
+    ) -> tuple[FloatArray, FloatArray]: ...
+    @overload
+    def predict(
+        self, X: npt.ArrayLike, *, return_sd: Literal[False] = ..., return_covariance: Literal[True]
+    ) -> tuple[FloatArray, FloatArray]: ...
+    def predict(
+        self, X: npt.ArrayLike, *, return_sd: bool = False, return_covariance: bool = False
+    ) -> FloatArray | tuple[FloatArray, FloatArray]:
+        """Predict y (MP eqs. 18 to 22, see the class).
+
+        Args:
+            X: Inputs, shape (n_samples, n_inputs).
+            return_sd: Return the standard deviation of each output too.
+            return_covariance: Return the covariance of the outputs too, instead.
+
+        Returns:
+            The means, shape (n_samples, n_outputs), or (n_samples,) after a fit with such a y. With `return_sd` also
+            the standard deviations, of the same shape; with `return_covariance` also the covariances, shape
+            (n_samples, n_outputs, n_outputs).
+
+        Raises:
+            ValueError: X has another number of columns or missing values, the regression is not fitted, or both
+                spreads are asked for.
+        """
+        if return_sd and return_covariance:
+            raise ValueError("ask for return_sd or return_covariance, not for both")
+        self._require_fit("matrices_")
+        rows = self._rows(X)
+        n, m = len(rows), self.n_outputs_
+        mean = np.empty((n, m))
+        variance = np.empty((n, m)) if return_sd else None
+        covariance = np.empty((n, m, m)) if return_covariance else None
+        step = max(CHUNK_VALUES // (m * m if return_covariance else m), 64)
+        for start in range(0, n, step):
+            part = slice(start, start + step)
+            beta = self.responsibilities(rows[part])
+            own = self._component_means(rows[part])
+            mean[part] = np.einsum("nk,knm->nm", beta, own)
+            if variance is not None:
+                variance[part] = self._spread(beta, np.square(own - mean[part]), self._conditional_variances)
+            if covariance is not None:
+                offset = own - mean[part]
+                products = offset[..., :, None] * offset[..., None, :]
+                covariance[part] = self._spread(beta, products, self.conditional_covariances_)
+        shape = (n,) if self._single_output else (n, m)
+        if variance is not None:
+            return mean.reshape(shape), np.sqrt(variance).reshape(shape)
+        if covariance is not None:
+            return mean.reshape(shape), covariance
+        return mean.reshape(shape)
+
+    def responsibilities(self, X: npt.ArrayLike) -> FloatArray:
+        """Return β_k of each row: how probable each component is given x (`faithful`: eq. 20, without priors).
+
+        Returns:
+            Shape (n_samples, k), rows of sum 1.
+        """
+        self._require_fit("matrices_")
+        if not self.faithful:
+            return self._input_mixture.predict_proba(X)
+        densities = self._input_mixture.log_joint(X) - np.log(self._input_mixture.weights_)
+        densities = np.exp(densities - densities.max(axis=1, keepdims=True))
+        beta: FloatArray = densities / densities.sum(axis=1, keepdims=True)
+        return beta
+
+    def domain_score(self, X: npt.ArrayLike) -> FloatArray:
+        """Return the log density of the inputs alone in nats, shape (n_samples,): low where little was learnt."""
+        self._require_fit("matrices_")
+        return self._input_mixture.score_samples(X)
+
+    def log_likelihood(self, X: npt.ArrayLike, y: npt.ArrayLike) -> FloatArray:
+        """Return log p(y | x) of each row under the mixture in nats, shape (n_samples,); `faithful` changes nothing."""
+        self._require_fit("matrices_")
+        rows = self._rows(X)
+        targets = np.asarray(y).reshape(len(rows), self.n_outputs_)
+        return self.mixture_.score_samples(np.concatenate([rows, targets], axis=1)) - self.domain_score(rows)
+
+    def score(self, X: npt.ArrayLike, y: npt.ArrayLike) -> float:
+        """Return the coefficient of determination R², averaged over the outputs: 1 is perfect, 0 is the mean of y."""
+        mean = self.predict(X).reshape(-1, self.n_outputs_)
+        targets = np.asarray(y, dtype=np.float64).reshape(mean.shape)
+        residual = np.square(targets - mean).sum(axis=0)
+        total = np.square(targets - targets.mean(axis=0)).sum(axis=0)
+        return float(np.mean(1.0 - residual / total))
+
+    def _condition(self, joint: GaussianMixture, n_inputs: int, *, single_output: bool) -> None:
+        """Keep A_k and C_k of a mixture whose first `n_inputs` columns are x.
+
+        Both come from the Cholesky factor of the whole covariance, [[L_x, 0], [M, L_c]]: A = M L_x⁻¹ and C = L_c L_cᵀ,
+        which stays positive definite where Σ_yy − A Σ_xy would cancel.
+        """
+        from scipy.linalg import solve_triangular
+
+        factors = np.linalg.cholesky(joint.covariances_)
+        upper, lower, rest = factors[:, :n_inputs, :n_inputs], factors[:, n_inputs:, :n_inputs], factors[:, n_inputs:]
+        self.mixture_ = joint
+        self.matrices_ = np.array(
+            [solve_triangular(u, l.T, lower=True, trans="T").T for u, l in zip(upper, lower, strict=True)]
+        )
+        conditional = rest[:, :, n_inputs:]
+        self.conditional_covariances_ = conditional @ conditional.transpose(0, 2, 1)
+        self.n_features_in_, self.n_outputs_ = n_inputs, joint.n_features_in_ - n_inputs
+        self._input_mixture = joint.marginal(range(n_inputs))
+        self._conditional_variances = np.diagonal(self.conditional_covariances_, axis1=1, axis2=2)
+        self._single_output = single_output
+
+    def _component_means(self, rows: npt.NDArray[np.floating[Any]]) -> FloatArray:
+        """Return m_k of each row (MP eq. 18), shape (k, n_samples, n_outputs)."""
+        means_in, means_out = np.split(self.mixture_.means_, [self.n_features_in_], axis=1)
+        return np.array(
+            [
+                mean_out + (rows - mean_in) @ matrix.T
+                for mean_in, mean_out, matrix in zip(means_in, means_out, self.matrices_, strict=True)
+            ]
+        )
+
+    def _spread(self, beta: FloatArray, between: FloatArray, within: FloatArray) -> FloatArray:
+        """Return variances or covariances: `between` is (k, n_samples, …), `within` (k, …)."""
+        if self.faithful:
+            return np.tensordot(np.square(beta), within, axes=1).astype(np.float64, copy=False)
+        spread: FloatArray = np.tensordot(beta, within, axes=1)
+        for weight, square in zip(beta.T, between, strict=True):
+            spread += weight.reshape(-1, *(1,) * (square.ndim - 1)) * square
+        return spread

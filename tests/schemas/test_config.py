@@ -1,0 +1,73 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from wheelprint.schemas.config import read_config
+from wheelprint.schemas.errors import InputError
+
+
+def read(folder: Path, text: str) -> str:
+    """Return the message that a project file gives, after its path."""
+    path = folder / "wheelprint.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as error:
+        read_config(path)
+    assert error.value.path == str(path)
+    return f"{error.value.where} | {error.value.reason}"
+
+
+def test_defaults_need_only_the_wheelbase(tmp_path: Path) -> None:
+    path = tmp_path / "wheelprint.toml"
+    path.write_text("[vehicle]\nwheelbase = 2.82\n", encoding="utf-8")
+    config = read_config(path)
+    assert (config.sync.period, config.dataset.smoothing_window, config.dataset.folds) == (100_000_000, 5, 10)
+    assert config.models.motion_primitives.future_steps == 50
+
+
+def test_a_signal_is_a_name_or_a_table(tmp_path: Path) -> None:
+    path = tmp_path / "wheelprint.toml"
+    path.write_text(
+        '[vehicle]\nwheelbase = 2.8\n[can.signals]\nspeed = "A.b"\nyaw_rate = { signal = "C.d", sign = -1, scale = 2 }\n',
+        encoding="utf-8",
+    )
+    signals = read_config(path).can.signals
+    assert (signals["speed"].signal, signals["speed"].scale) == ("A.b", None)
+    assert (signals["yaw_rate"].sign, signals["yaw_rate"].scale) == (-1, 2)
+
+
+def test_a_missing_file_says_how_to_make_one(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as error:
+        read_config(tmp_path / "wheelprint.toml")
+    assert error.value.reason == "no such file. A project is a folder with this file; `wheelprint init` writes one"
+
+
+def test_all_wrong_keys_are_named_at_once(tmp_path: Path) -> None:
+    message = read(tmp_path, "[vehicle]\nwheelbas = 2.8\n[sync]\nrate = -1\n[dataset]\nsmoothing_window = 4\n")
+    assert message == (
+        "vehicle.wheelbase, vehicle.wheelbas, sync.rate, dataset.smoothing_window | "
+        "vehicle.wheelbase: missing; it has no default; "
+        "vehicle.wheelbas: unknown key; did you mean wheelbase?; "
+        "sync.rate: Input should be greater than 0, found -1; "
+        "dataset.smoothing_window: a centred moving average needs an odd number of samples, found 4"
+    )
+
+
+def test_a_signal_that_is_not_canonical_is_refused_with_the_vocabulary(tmp_path: Path) -> None:
+    message = read(tmp_path, '[vehicle]\nwheelbase = 2.8\n[can.signals]\nsped = "A.b"\n')
+    assert message.startswith(
+        "can.signals | can.signals: not canonical: sped; the canonical signals of CAN are steering_"
+    )
+
+
+def test_broken_toml_says_the_line(tmp_path: Path) -> None:
+    assert "at line 2" in read(tmp_path, "[vehicle]\nwheelbase = \n")
+
+
+def test_other_encodings_say_so(tmp_path: Path) -> None:
+    path = tmp_path / "wheelprint.toml"
+    path.write_bytes("[vehicle]\nname = 'Käfer'\n".encode("latin-1"))
+    with pytest.raises(InputError) as error:
+        read_config(path)
+    assert str(error.value) == f"{path}: byte 19: not UTF-8; save the file as UTF-8 text"
