@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from .runner import StageResult
 
 
+WIDTH_OF_FILES = 160
+
+
 class Status(IntEnum):
     """Exit status of every command; 2, wrong usage, is typer's."""
 
@@ -94,10 +97,11 @@ class Report:
 
 
 def console(*, stderr: bool = False) -> Console:
-    """Return a console for standard output, or standard error."""
+    """Return a console for standard output, or standard error; tables are not folded where nobody looks at them."""
     from rich.console import Console
 
-    return Console(stderr=stderr)
+    found = Console(stderr=stderr)
+    return found if found.is_terminal else Console(stderr=stderr, width=WIDTH_OF_FILES)
 
 
 def _print_table(out: Console, title: str, heads: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
@@ -105,7 +109,7 @@ def _print_table(out: Console, title: str, heads: Sequence[str], rows: Sequence[
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title=title or None, title_justify="left", box=box.SIMPLE_HEAD)
+    table = Table(title=title or None, title_justify="left", box=box.SIMPLE_HEAD, min_width=len(title))
     for index, head in enumerate(heads):
         numeric = all(isinstance(row[index], int | float) or row[index] is None for row in rows)
         table.add_column(head, justify="right" if numeric and rows else "left", overflow="fold")

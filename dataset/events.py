@@ -97,15 +97,15 @@ def read_events(path: Path) -> list[Event]:
     except UnicodeDecodeError as error:
         raise InputError(path, f"byte {error.start}", "not UTF-8; save the file as UTF-8 text") from None
     rows = _rows(text)
-    header = next(rows, (1, []))[1]
+    first, header = next(rows, (1, []))
     if isinstance(header, str) or sorted(header) != sorted(EVENT_COLUMNS):
-        found = repr(header) if isinstance(header, str) else ", ".join(header) or "nothing"
+        found = header if isinstance(header, str) else ", ".join(header) or "nothing"
         reason = (
             f"expected the columns {', '.join(EVENT_COLUMNS)}, separated by commas, found {found}; "
-            "a spreadsheet may have saved other separators or columns. Repair the first line, or remove "
+            "a spreadsheet may have saved other separators or columns. Repair this line, or remove "
             "the file to begin again with the detectors' proposals"
         )
-        raise InputError(path, "line 1", reason)
+        raise InputError(path, f"line {first}", reason)
     events: list[Event] = []
     wrong: dict[int, str] = {}
     for line, row in rows:
@@ -126,7 +126,10 @@ def read_events(path: Path) -> list[Event]:
 
 
 def write_events(path: Path, events: Iterable[Event]) -> None:
-    """Publish events sorted (RFC 4180), with stamps cut to milliseconds and severities rounded to three decimals."""
+    """Publish events sorted (RFC 4180), with stamps cut to milliseconds and severities rounded to three decimals.
+
+    A file that already says so is left alone.
+    """
     text = io.StringIO(newline="")
     writer = csv.writer(text)
     writer.writerow(EVENT_COLUMNS)
@@ -143,30 +146,35 @@ def write_events(path: Path, events: Iterable[Event]) -> None:
                 event.note,
             ]
         )
-    publish_text(path, text.getvalue())
+    if not path.is_file() or path.read_bytes() != text.getvalue().encode():
+        publish_text(path, text.getvalue())
+
+
+def subtract(events: Iterable[Event], cuts: Iterable[Event]) -> list[Event]:
+    """Return what the cuts, where they concern the same recording, leave of the events: none, one or more pieces."""
+    pieces = list(events)
+    for cut in cuts:
+        pieces = [
+            replace(piece, start=start, stop=stop)
+            for piece in pieces
+            for start, stop in (
+                ((piece.start, min(piece.stop, cut.start)), (max(piece.start, cut.stop), piece.stop))
+                if piece.recording == cut.recording and piece.start < cut.stop and cut.start < piece.stop
+                else ((piece.start, piece.stop),)
+            )
+            if start < stop
+        ]
+    return pieces
 
 
 def merge_proposals(existing: Iterable[Event], proposed: Iterable[Event]) -> list[Event]:
     """Return what a person decided, untouched, and the new proposals in place of the old ones, sorted.
 
-    A decision holds for its stretch of time and nothing beyond: of a proposal that overlaps decided events of its
-    recording the rest remains, in as many pieces as there are. So nothing that nobody looked at enters the dataset
-    because something beside it was called normal.
+    A decision holds for its stretch of time and nothing beyond: of a proposal that overlaps decided events the rest
+    remains. So nothing that nobody looked at enters the dataset because something beside it was called normal.
     """
     decided = [event for event in existing if event.decision != "proposed"]
-    pieces = list(proposed)
-    for judged in decided:
-        pieces = [
-            replace(piece, start=start, stop=stop)
-            for piece in pieces
-            for start, stop in (
-                ((piece.start, min(piece.stop, judged.start)), (max(piece.start, judged.stop), piece.stop))
-                if piece.recording == judged.recording and piece.start < judged.stop and judged.start < piece.stop
-                else ((piece.start, piece.stop),)
-            )
-            if start < stop
-        ]
-    return sorted(decided + pieces)
+    return sorted(decided + subtract(proposed, decided))
 
 
 def covered(time: NDArray[np.int64], events: Iterable[Event]) -> NDArray[np.bool_]:

@@ -41,7 +41,7 @@ def training_mask(
         embargo: ns.
     """
     in_test = fold == test_fold
-    mask = ~in_test
+    mask: NDArray[np.bool_] = ~in_test
     for name in np.unique(recording[in_test]):
         of_recording = recording == name
         test_time = np.sort(time[of_recording & in_test])

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ..schemas.config import Lookahead
 from .path import Floats, Runs
 
-_ROWS = 4096
+_CELLS = 200_000
 # Deg: far above the rounding of these formulas and far below any steering. Without it, rounding would choose among
 # the equally good points of a straight road.
 _EQUAL = 1e-12
@@ -45,8 +45,9 @@ def lookahead_distance(
     """
     best = np.full(len(x), np.nan)
     spread = np.full(len(x), np.nan)
-    for start in range(0, len(x), _ROWS):
-        rows = np.arange(start, min(start + _ROWS, len(x)))
+    block = max(1, _CELLS // settings.points)
+    for start in range(0, len(x), block):
+        rows = np.arange(start, min(start + block, len(x)))
         best[rows], spread[rows] = _of_rows(rows, x, y, heading, road_wheel_angle, run, wheelbase, settings)
     return best, spread
 

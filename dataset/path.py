@@ -5,24 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..schemas.angles import wrap_degrees
+
 Floats = NDArray[np.float64]
 Runs = NDArray[np.int32] | NDArray[np.int64]
-
-
-def wrap(angle: Floats) -> Floats:
-    """Return angles in deg turned into [-180, 180); those within come back bit for bit, NaN stays NaN."""
-    turned = angle - 360.0 * np.floor((angle + 180.0) / 360.0)
-    return turned + np.where(turned < -180.0, 360.0, 0.0) - np.where(turned >= 180.0, 360.0, 0.0)
-
-
-def unwrap(angle: Floats) -> Floats:
-    """Return angles in deg (n_samples,) plus whole turns, so that no step is longer than half a turn.
-
-    A NaN stays NaN; what follows it counts its turns anew.
-    """
-    turns = np.zeros(len(angle))
-    turns[1:] = np.nan_to_num(np.rint(np.diff(angle) / 360.0))
-    return angle - 360.0 * np.cumsum(turns)
 
 
 def begins_run(run: Runs) -> NDArray[np.bool_]:
@@ -43,7 +29,7 @@ def course_deviation(course: Floats, run: Runs) -> Floats:
         (n_samples,), within [-180, 180).
     """
     deviation = np.full(len(course), np.nan)
-    deviation[1:] = wrap(np.diff(course))
+    deviation[1:] = wrap_degrees(np.diff(course))
     deviation[begins_run(run)] = np.nan
     return deviation
 

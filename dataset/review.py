@@ -6,6 +6,7 @@ import getpass
 import hashlib
 import os
 import secrets
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -71,13 +72,13 @@ _PANELS = (
 )
 
 
-def create_app(project: Project, token: str, *, decided_by: str | None = None) -> Starlette:
+def create_app(project: Project, token: str, *, reviewer: str | None = None) -> Starlette:
     """Return the application that shows `events.csv` and stores decisions in it.
 
     Args:
         project: Whose events are shown; the lines come from its synced tables.
         token: First part of every address; without it nothing is answered.
-        decided_by: Name stored with each decision; by default the user name on this machine.
+        reviewer: Name stored with each decision; by default the user name on this machine.
     """
     from starlette.applications import Starlette
     from starlette.exceptions import HTTPException
@@ -86,7 +87,7 @@ def create_app(project: Project, token: str, *, decided_by: str | None = None) -
     from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse
     from starlette.routing import Route
 
-    person = decided_by or _user_name()
+    person = reviewer or _user_name()
     page = _template()
 
     def check(request: Request) -> None:
@@ -138,16 +139,17 @@ def serve(
     project: Project,
     port: int = 0,
     *,
-    decided_by: str | None = None,
-    ready: Callable[[str], None] = lambda _address: None,
+    reviewer: str | None = None,
+    announce: Callable[[str], None] | None = None,
 ) -> None:
     """Serve the review page on 127.0.0.1 until the process is interrupted (Ctrl-C), which is its ordinary end.
 
     Args:
         project: Whose events are reviewed.
         port: TCP port; 0 takes any free one.
-        decided_by: Name stored with each decision; by default the user name on this machine.
-        ready: Called with the address, its secret token included, once the page can be opened.
+        reviewer: Name stored with each decision; by default the user name on this machine.
+        announce: Called with the address, its secret token included, once the page can be opened; by default it is
+            printed.
 
     Raises:
         InputError: `events.csv` is wrong, or the port cannot be used.
@@ -158,7 +160,7 @@ def serve(
 
     read_events(project.events_file)
     token = secrets.token_urlsafe(24)
-    app = create_app(project, token, decided_by=decided_by)
+    app = create_app(project, token, reviewer=reviewer)
     with socket.socket() as listener:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -171,9 +173,14 @@ def serve(
         settings = uvicorn.Config(
             app, log_level="warning", access_log=False, lifespan="off", ws="none", server_header=False
         )
-        ready(f"http://{ADDRESS}:{listener.getsockname()[1]}/{token}/")
+        (announce or _print_address)(f"http://{ADDRESS}:{listener.getsockname()[1]}/{token}/")
         with suppress(KeyboardInterrupt):
             uvicorn.Server(settings).run(sockets=[listener])
+
+
+def _print_address(address: str) -> None:
+    sys.stdout.write(f"The review page is at {address}\nCtrl-C ends it.\n")
+    sys.stdout.flush()
 
 
 _HEADERS = {"cache-control": "no-store", "referrer-policy": "no-referrer", "x-content-type-options": "nosniff"}

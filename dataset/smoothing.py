@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .path import Floats, Runs, begins_run, unwrap, wrap
+from ..schemas.angles import unwrap_degrees, wrap_degrees
+from .path import Floats, Runs, begins_run
 
 
 def moving_average(values: Floats, run: Runs, window: int) -> Floats:
@@ -29,12 +30,13 @@ def moving_average(values: Floats, run: Runs, window: int) -> Floats:
     for step in range(1, window // 2 + 1):
         wide = np.flatnonzero(reach >= step)
         excess[wide] += (values[wide - step] - values[wide]) + (values[wide + step] - values[wide])
-    return values + excess / (2 * reach + 1)
+    smoothed: Floats = values + excess / (2 * reach + 1)
+    return smoothed
 
 
 def moving_average_of_angles(angle: Floats, run: Runs, window: int) -> Floats:
     """Return the moving average of angles in deg on the circle, within [-180, 180); else as `moving_average`."""
-    return wrap(moving_average(unwrap(angle), run, window))
+    return wrap_degrees(moving_average(unwrap_degrees(angle), run, window))
 
 
 def _room(values: Floats, run: Runs) -> NDArray[np.int64]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -21,7 +21,7 @@ from ..schemas.tasks import Outcome, Task
 from ..schemas.times import iso_utc
 from .account import Account
 from .can.database import Database, load_databases
-from .clock import ClockEstimate, estimate_clock, fixed_clock
+from .clock import ClockEstimate, estimate_clock
 from .mapping import MappedSignal, resolve
 from .navigation import merge_navigation
 from .readers import FrameReader, NavigationReader, Reader, recognise
@@ -53,7 +53,7 @@ def plan_conversion(project: Project) -> tuple[list[Task], list[InputError]]:
         problems.append(InputError(config_file, "can.signals", reason))
     parameters = {
         "version": __version__,
-        "database": fingerprint(repr(sorted(database.messages.items()))),
+        "database": fingerprint(repr(database.messages)),
         "mapping": {name: asdict(mapped) for name, mapped in mapping.items()},
         "nav": config.nav.model_dump(),
         "sync": config.sync.model_dump(),
@@ -100,61 +100,26 @@ def convert_recording(
         InputError: The recording holds no log at all.
     """
     place = Project(project)
-    folder = place.signals_folder(recording.driver, recording.name)
-    inputs: list[dict[str, Any]] = []
-    ignored: list[str] = []
-    outputs: list[dict[str, Any]] = []
-    problems: list[InputError] = []
-    message_files: dict[str, list[Path]] = {}
-    navigation: list[pa.Table] = []
-    for name, path in recording_files(recording).items():
-        try:
-            reader = recognise(path)
-        except InputError as error:
-            if path.suffix.lower() in BESIDE_LOGS and path.exists():
-                ignored.append(name)
-            else:
-                problems.append(error)
-            continue
-        account = Account()
-        try:
-            if reader.kind == "can":
-                decoded = decode_log(cast("FrameReader", reader), account, database, folder, name)
-                for message, file in decoded.files.items():
-                    message_files.setdefault(message, []).append(file)
-                    outputs.append(describe_output(project, file, rows=decoded.rows[message]))
-                facts: dict[str, Any] = as_facts(decoded)
-                span = decoded.start, decoded.stop
-            else:
-                batches = list(cast("NavigationReader", reader).batches(account))
-                table = pa.Table.from_batches(batches, batches[0].schema if batches else NAVIGATION)
-                file = signal_file(folder, name, "navigation")
-                publish_table(file, table)
-                outputs.append(describe_output(project, file, rows=len(table)))
-                navigation.append(table)
-                time = table["time"].cast(pa.int64()).to_numpy()
-                facts, span = {}, (int(time[0]), int(time[-1])) if len(time) else (None, None)
-        except InputError as error:
-            problems.append(error)
-            facts, span = {"failed": str(error)}, (None, None)
-        inputs.append(_input_facts(recording, path, reader, account, span) | facts)
-        problems += _account_problems(path, account)
-    if not any("failed" not in entry for entry in inputs):
-        reasons = "; ".join(dict.fromkeys(problem.reason for problem in problems))
-        what = f"none of its files could be read: {reasons}" if problems else "it holds no log"
-        raise InputError(recording.folder, "", f"{what}. A recording is a folder with a CAN log and a navigation log")
-
-    entry: dict[str, Any] = {"inputs": inputs, "ignored": ignored, "outputs": outputs, "driver": recording.driver}
-    sampled, signal_facts = _read_signals(message_files, mapping, recording, problems)
-    nav_table = merge_navigation(navigation) if navigation else None
-    nav_signals = read_navigation(nav_table) if nav_table is not None else {}
-    problems += _absent_sources(recording, config, mapping, sampled, nav_signals)
-    clock = _clock(config, sampled, nav_signals, recording)
-    entry |= {"signals": signal_facts, "clock": _clock_facts(clock)}
-    if nav_table is not None and (nav_table.schema.metadata or {}).get(b"origin"):
-        entry["origin"] = json.loads(nav_table.schema.metadata[b"origin"])
+    logs = _read_logs(project, recording, database, place.signals_folder(recording.driver, recording.name))
+    problems = logs.problems
+    sampled, signal_facts = _read_signals(logs.message_files, mapping, recording, problems)
+    navigation = merge_navigation(logs.navigation) if logs.navigation else None
+    nav_signals = read_navigation(navigation) if navigation is not None else {}
+    problems += _absent_sources(recording, mapping, sampled, nav_signals)
+    clock = _clock(config, sampled, nav_signals)
+    entry: dict[str, Any] = {
+        "driver": recording.driver,
+        "inputs": logs.inputs,
+        "ignored": logs.ignored,
+        "outputs": logs.outputs,
+        "signals": signal_facts,
+        "clock": _clock_facts(clock),
+        "origin": _origin(navigation),
+    }
     if overlap := _no_overlap(recording, sampled, nav_signals, clock):
         return Outcome(entry, (*problems, overlap))
+    if not sampled and not nav_signals:
+        return Outcome(entry, tuple(problems))
     synced = synchronise(sampled, nav_signals, clock, config.sync.period, round(config.sync.max_gap * 1e9))
     metadata = {
         "driver": recording.driver,
@@ -162,16 +127,79 @@ def convert_recording(
         "wheelprint": __version__,
         "sync": config.sync.model_dump_json(),
         "clock": json.dumps(entry["clock"], sort_keys=True),
-        "origin": json.dumps(entry.get("origin"), sort_keys=True),
+        "origin": json.dumps(entry["origin"], sort_keys=True),
         "signals": json.dumps(signal_facts, sort_keys=True),
-        "inputs": json.dumps({file["path"]: file["sha256"] for file in inputs}, sort_keys=True),
+        "inputs": json.dumps({file["path"]: file["sha256"] for file in logs.inputs}, sort_keys=True),
     }
     path = place.synced_file(recording.driver, recording.name)
     publish_table(path, synced.replace_schema_metadata(metadata))
     runs = synced["run"].drop_null()
     facts = {"rows": len(synced), "runs": len(runs.unique()), "rows_in_runs": len(runs)}
-    entry["outputs"] = [describe_output(project, path, **facts), *outputs]
+    entry["outputs"] = [describe_output(project, path, **facts), *logs.outputs]
     return Outcome(entry, tuple(problems))
+
+
+@dataclass(slots=True)
+class _RawLogs:
+    """What became of a recording's files; the attributes but the tables go into the manifest."""
+
+    inputs: list[dict[str, Any]] = field(default_factory=list)
+    ignored: list[str] = field(default_factory=list)
+    outputs: list[dict[str, Any]] = field(default_factory=list)
+    problems: list[InputError] = field(default_factory=list)
+    message_files: dict[str, list[Path]] = field(default_factory=dict)
+    navigation: list[pa.Table] = field(default_factory=list)
+
+
+def _read_logs(project: Path, recording: Recording, database: Database, folder: Path) -> _RawLogs:
+    """Decode every file of a recording into `folder`; what cannot be read becomes a problem of its own."""
+    logs = _RawLogs()
+    for name, path in recording_files(recording).items():
+        try:
+            reader = recognise(path)
+        except InputError as error:
+            if path.suffix.lower() in BESIDE_LOGS and path.exists():
+                logs.ignored.append(name)
+            else:
+                logs.problems.append(error)
+            continue
+        account = Account()
+        try:
+            if reader.kind == "can":
+                decoded = decode_log(cast("FrameReader", reader), account, database, folder, name)
+                for message, file in decoded.files.items():
+                    logs.message_files.setdefault(message, []).append(file)
+                    logs.outputs.append(describe_output(project, file, rows=decoded.rows[message]))
+                facts, span = as_facts(decoded), (decoded.start, decoded.stop)
+            else:
+                table = _navigation_table(cast("NavigationReader", reader), account)
+                file = signal_file(folder, name, "navigation")
+                publish_table(file, table)
+                logs.outputs.append(describe_output(project, file, rows=len(table)))
+                logs.navigation.append(table)
+                time = table["time"].cast(pa.int64()).to_numpy()
+                facts, span = {"samples": len(time)}, (int(time[0]), int(time[-1])) if len(time) else (None, None)
+        except InputError as error:
+            logs.problems.append(error)
+            facts, span = {"failed": str(error)}, (None, None)
+        logs.inputs.append(_input_facts(recording, path, reader, account, span) | facts)
+        logs.problems += _account_problems(path, account)
+    if all("failed" in entry for entry in logs.inputs):
+        reasons = "; ".join(dict.fromkeys(str(problem) for problem in logs.problems))
+        what = f"none of its files could be read: {reasons}" if reasons else "it holds no log"
+        raise InputError(recording.folder, "", f"{what}. A recording is a folder with a CAN log and a navigation log")
+    return logs
+
+
+def _navigation_table(reader: NavigationReader, account: Account) -> pa.Table:
+    batches = list(reader.batches(account))
+    return pa.Table.from_batches(batches, batches[0].schema if batches else NAVIGATION)
+
+
+def _origin(navigation: pa.Table | None) -> dict[str, float] | None:
+    origin = (navigation.schema.metadata or {}).get(b"origin") if navigation is not None else None
+    found: dict[str, float] | None = json.loads(origin) if origin else None
+    return found
 
 
 def _input_facts(
@@ -235,7 +263,6 @@ def _read_signals(
 
 def _absent_sources(
     recording: Recording,
-    config: Config,
     mapping: Mapping[str, MappedSignal],
     sampled: Mapping[str, SampledSignal],
     navigation: Mapping[str, SampledSignal],
@@ -244,30 +271,29 @@ def _absent_sources(
     if "x" not in navigation:
         reason = "no navigation with a valid position; without it there is no path, and no dataset, from this recording"
         problems.append(InputError(recording.folder, "", reason))
-    if not sampled and mapping and config.can.signals:
+    if not sampled and mapping:
         reason = "no CAN log with a mapped signal; without it there is no steering, and no dataset, from this recording"
         problems.append(InputError(recording.folder, "", reason))
     return problems
 
 
-def _clock(
-    config: Config, can: Mapping[str, SampledSignal], nav: Mapping[str, SampledSignal], recording: Recording
-) -> ClockEstimate:
-    start = min((int(signal.time[0]) for signal in can.values()), default=0)
+def _clock(config: Config, can: Mapping[str, SampledSignal], nav: Mapping[str, SampledSignal]) -> ClockEstimate:
     if config.sync.clock == "trust":
-        return fixed_clock(0.0, start, "sync.clock = trust")
+        return ClockEstimate.trusted("the project file says that the CAN clock is UTC")
     if not isinstance(config.sync.clock, str):
-        return fixed_clock(config.sync.clock, start, f"sync.clock = {config.sync.clock}")
+        return ClockEstimate.fixed(config.sync.clock, "the project file gives the offset")
     if "speed" not in can or "nav_speed" not in nav:
-        return fixed_clock(0.0, start, f"{recording.key} lacks the speed of the car or of navigation", applied=False)
-    yaw = {}
-    if "yaw_rate" in can and "nav_yaw_rate" in nav:
-        yaw = {
-            "can_yaw_rate": (can["yaw_rate"].time, can["yaw_rate"].values),
-            "nav_yaw_rate": (nav["nav_yaw_rate"].time, nav["nav_yaw_rate"].values),
-        }
+        return ClockEstimate.trusted("the speed of the car or of navigation is missing")
     speed, nav_speed = can["speed"], nav["nav_speed"]
-    return estimate_clock(speed.time, speed.values, nav_speed.time, nav_speed.values, **yaw)
+    yaw, nav_yaw = can.get("yaw_rate"), nav.get("nav_yaw_rate")
+    return estimate_clock(
+        speed.time,
+        speed.values,
+        nav_speed.time,
+        nav_speed.values,
+        can_yaw_rate=(yaw.time, yaw.values) if yaw else None,
+        nav_yaw_rate=(nav_yaw.time, nav_yaw.values) if nav_yaw else None,
+    )
 
 
 def _clock_facts(clock: ClockEstimate) -> dict[str, Any]:

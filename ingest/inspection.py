@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast
@@ -79,9 +80,10 @@ def inspect_log(path: Path, database: Database) -> Inspection:
     """
     reader = recognise(path)
     found = Inspection(path, reader.format, reader.kind, Account())
+    names = {(message.id, message.extended): message.name for message in database.messages}
     if reader.kind == "can":
         for batch in cast("FrameReader", reader).batches(found.account):
-            _count_frames(found, batch, database)
+            _count_frames(found, batch, names)
     else:
         for samples in cast("NavigationReader", reader).batches(found.account):
             _extend(found, samples["time"].cast(pa.int64()).to_numpy())
@@ -96,7 +98,7 @@ def _extend(found: Inspection, time: np.ndarray[tuple[int], np.dtype[np.int64]])
         found.stop = int(time.max()) if found.stop is None else max(found.stop, int(time.max()))
 
 
-def _count_frames(found: Inspection, batch: FrameBatch, database: Database) -> None:
+def _count_frames(found: Inspection, batch: FrameBatch, names: Mapping[tuple[int, bool], str]) -> None:
     _extend(found, batch.time)
     found.frame_kinds.update({kind: int(np.count_nonzero(batch.kind == code)) for code, kind in enumerate(KINDS)})
     data = np.flatnonzero(batch.kind == DATA)
@@ -114,8 +116,7 @@ def _count_frames(found: Inspection, batch: FrameBatch, database: Database) -> N
         time = batch.time[rows]
         count = found.messages.get(message)
         if count is None:
-            layout = database.messages.get((identifier, extended))
-            count = MessageCount(0, int(time[0]), int(time[0]), 0, layout.name if layout else None)
+            count = MessageCount(0, int(time[0]), int(time[0]), 0, names.get((identifier, extended)))
             found.messages[message] = count
         count.longest_gap = max(count.longest_gap, int(np.diff(time, prepend=count.last).max()))
         count.frames += len(rows)

@@ -20,6 +20,7 @@ class MappedSignal:
         canonical: Its canonical name.
         message: Name of the message in the database.
         signal: Name of the signal in the message.
+        column: Its column in the signal file.
         unit: Unit as the database writes it.
         factor: What the decoded value is multiplied by: unit or scale, and sign.
         channel: The bus it is taken from; None: the one that carries most of it.
@@ -28,6 +29,7 @@ class MappedSignal:
     canonical: str
     message: str
     signal: str
+    column: str
     unit: str
     factor: float
     channel: str | None
@@ -51,7 +53,7 @@ def resolve(can: Can, database: Database, config_file: Path) -> tuple[dict[str, 
         key = f"can.signals.{canonical}"
         message, signal = source.signal.split(".", 1)
         try:
-            found = database.find(message, signal)
+            _, found = database.find(message, signal)
         except LookupError as error:
             problems.append(InputError(config_file, key, str(error.args[0])))
             continue
@@ -65,5 +67,7 @@ def resolve(can: Can, database: Database, config_file: Path) -> tuple[dict[str, 
             )
             problems.append(InputError(config_file, key, reason))
             continue
-        mapped[canonical] = MappedSignal(canonical, message, signal, found.unit, scale * source.sign, source.channel)
+        mapped[canonical] = MappedSignal(
+            canonical, message, signal, found.column, found.unit, scale * source.sign, source.channel
+        )
     return mapped, problems

@@ -27,14 +27,17 @@ class Reader(Protocol):
     Attributes:
         format: Name of the format.
         kind: `can`: `batches` yields `FrameBatch`; `nav`: it yields record batches in the schema `NAVIGATION`.
-        path: The file.
     """
 
     format: ClassVar[str]
-    kind: ClassVar[Literal["can", "nav"]]
-    path: Path
+    kind: ClassVar[str]
 
     def __init__(self, path: Path) -> None: ...
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        ...
 
     @staticmethod
     def sniff(head: bytes) -> bool:
@@ -58,7 +61,7 @@ class NavigationReader(Reader, Protocol):
         ...
 
 
-READERS: tuple[type[Reader], ...] = (Candump, Ncom)
+READERS: tuple[type[FrameReader | NavigationReader], ...] = (Candump, Ncom)
 """Every reader; a new one is a line here (and passes the compliance tests)."""
 
 

@@ -14,8 +14,8 @@ import pyarrow.parquet as pq
 from ..schemas.project import encode_name
 from ..schemas.store import parquet_writer, publish
 from .account import Account
-from .can.database import Database, MessageLayout
-from .can.decode import decode_payloads, message_schema, split_by_message
+from .can.database import Database
+from .can.decode import decode_message, message_schema, split_by_message
 from .can.frames import ERROR, REMOTE, FrameBatch
 from .readers import FrameReader
 
@@ -66,12 +66,14 @@ def decode_log(reader: FrameReader, account: Account, database: Database, folder
     """
     decoded = DecodedLog()
     writers: dict[str, pq.ParquetWriter] = {}
-    waiting: dict[str, list[pa.Table]] = {}
+    waiting: dict[str, list[pa.RecordBatch]] = {}
     with ExitStack() as drafts:
 
         def flush() -> None:
-            for name, tables in waiting.items():
-                writers[name].write_table(pa.concat_tables(tables))
+            for name, batches in waiting.items():
+                schema = writers[name].schema
+                table = pa.Table.from_batches(batches).replace_schema_metadata(schema.metadata)
+                writers[name].write_table(table)
             waiting.clear()
 
         for batch in reader.batches(account):
@@ -84,17 +86,14 @@ def decode_log(reader: FrameReader, account: Account, database: Database, folder
             for layout, rows in known:
                 if layout.name not in writers:
                     path = signal_file(folder, log, layout.name)
-                    schema = message_schema(layout).with_metadata(
-                        {**(message_schema(layout).metadata or {}), "source": log, "clock": "logger"}
-                    )
+                    schema = message_schema(layout)
+                    schema = schema.with_metadata({**schema.metadata, "source": log, "clock": "logger"})
                     decoded.files[layout.name] = path
                     draft = drafts.enter_context(publish(path))
                     writers[layout.name] = drafts.enter_context(parquet_writer(draft, schema))
                 decoded.rows[layout.name] += len(rows)
-                waiting.setdefault(layout.name, []).append(
-                    _table(batch, layout, rows).replace_schema_metadata(writers[layout.name].schema.metadata)
-                )
-            if sum(table.nbytes for tables in waiting.values() for table in tables) > BUFFERED_BYTES:
+                waiting.setdefault(layout.name, []).append(decode_message(layout, batch, rows))
+            if sum(rows.nbytes for batches in waiting.values() for rows in batches) > BUFFERED_BYTES:
                 flush()
         flush()
     return decoded
@@ -106,14 +105,6 @@ def _count(decoded: DecodedLog, batch: FrameBatch) -> None:
     first, last = int(batch.time.min()), int(batch.time.max())
     decoded.start = first if decoded.start is None else min(decoded.start, first)
     decoded.stop = last if decoded.stop is None else max(decoded.stop, last)
-
-
-def _table(batch: FrameBatch, layout: MessageLayout, rows: np.ndarray[tuple[int], np.dtype[np.intp]]) -> pa.Table:
-    signals = decode_payloads(layout, batch.data[rows], batch.length[rows])
-    schema = message_schema(layout)
-    channels = pa.array(batch.channels, pa.string()).take(pa.array(batch.channel[rows]))
-    columns = [pa.array(batch.time[rows], schema.field("time").type), channels]
-    return pa.Table.from_arrays([*columns, *(signals[name] for name in schema.names[2:])], schema=schema)
 
 
 def as_facts(decoded: DecodedLog) -> dict[str, object]:

@@ -51,7 +51,7 @@ def read_mapped(files: Sequence[Path], mapped: MappedSignal) -> SampledSignal | 
         The signal; None where no such frame was recorded.
     """
     table = pa.concat_tables(
-        read_table(file).select(["time", "channel", mapped.signal]).replace_schema_metadata() for file in files
+        read_table(file).select(["time", "channel", mapped.column]).replace_schema_metadata() for file in files
     )
     channel = mapped.channel
     if channel is None and len(table):
@@ -60,7 +60,7 @@ def read_mapped(files: Sequence[Path], mapped: MappedSignal) -> SampledSignal | 
     table = table.filter(pc.equal(table["channel"], channel))
     if len(table) == 0:
         return None
-    values = table[mapped.signal].cast(pa.float64(), safe=False).to_numpy() * mapped.factor
+    values = table[mapped.column].cast(pa.float64(), safe=False).to_numpy() * mapped.factor
     return _in_range(mapped.canonical, _nanoseconds(table), values, str(channel))
 
 

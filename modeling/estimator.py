@@ -103,8 +103,9 @@ def as_rows(values: npt.ArrayLike, name: str) -> npt.NDArray[np.floating[Any]]:
         )
     if array.shape[1] == 0:
         raise ValueError(f"{name} has 0 feature(s) (shape={array.shape}) while a minimum of 1 is required.")
-    finite = np.isfinite(np.add.reduce(array, axis=0, dtype=np.float64))
-    if not finite.all():
+    with np.errstate(all="ignore"):
+        total = array.sum(axis=0, dtype=np.float64)
+    if not np.isfinite(total).all():
         bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
         if bad.size:
             raise ValueError(

@@ -14,8 +14,8 @@ from .estimator import Estimator, FloatArray, as_rows
 
 ParameterCount = Literal["full", "paper"]
 
-# Values per chunk and component: 2 MB of float64 stay in the cache from the E step to the M step.
-CHUNK_VALUES = 2**18
+# Values in one array of a chunk: 512 kB of float64 stay in the cache from the E step to the M step.
+CHUNK_VALUES = 2**16
 # k-means and the choice among starts see at most this many rows.
 START_ROWS = 20_000
 # A responsibility below this vanishes in the rounding of the sums it would be added to.
@@ -24,12 +24,13 @@ NEGLIGIBLE = 1e-16
 
 @dataclass(frozen=True, slots=True)
 class _Parameters:
-    """Weights (k,), means (k, d), covariances (k, d, d) and their lower Cholesky factors (k, d, d)."""
+    """Weights (k,), means (k, d), covariances Σ = L Lᵀ (k, d, d), their lower factors L and L⁻¹ (k, d, d)."""
 
     weights: FloatArray
     means: FloatArray
     covariances: FloatArray
     factors: FloatArray
+    inverses: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +46,15 @@ class _Statistics:
     counts: FloatArray
     first: FloatArray
     second: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """What EM led to; the likelihoods are those of the fit since the last dropped component."""
+
+    parameters: _Parameters
+    log_likelihoods: list[float]
+    converged: bool
 
 
 class GaussianMixture(Estimator):
@@ -76,7 +86,6 @@ class GaussianMixture(Estimator):
         log_likelihoods_: Mean log-likelihood of a row before the first and after each M step since the last dropped
             component, shape (n_iterations_ + 1,); never falls, and the last one is `score` of the training rows. The
             regularisation can make an M step lower the likelihood: such a step is taken back and ends the fit.
-        n_dropped_: Components dropped.
         n_features_in_: Number of columns.
     """
 
@@ -88,7 +97,6 @@ class GaussianMixture(Estimator):
     converged_: bool
     n_iterations_: int
     log_likelihoods_: FloatArray
-    n_dropped_: int
 
     def __init__(
         self,
@@ -125,7 +133,7 @@ class GaussianMixture(Estimator):
         parameters = _given(weights, means, covariances)
         mixture = cls(len(parameters.weights), **settings)
         mixture._keep(parameters)
-        mixture.converged_, mixture.n_iterations_, mixture.n_dropped_ = True, 0, 0
+        mixture.converged_, mixture.n_iterations_ = True, 0
         mixture.log_likelihoods_ = np.empty(0)
         return mixture
 
@@ -149,6 +157,8 @@ class GaussianMixture(Estimator):
             ValueError: A setting, shape or value is not usable; there are fewer rows than components; or, without
                 regularisation, no component keeps a positive definite covariance.
         """
+        from threadpoolctl import threadpool_limits
+
         self._check_settings()
         rows = as_rows(X, "X")
         n = len(rows)
@@ -157,30 +167,40 @@ class GaussianMixture(Estimator):
                 f"Expected n_samples >= n_components but got n_components = {self.n_components}, n_samples = {n}: "
                 f"a minimum of {self.n_components} is required."
             )
-        variances = _variances(rows)
-        ridge = self.covariance_regularisation * variances
-        if initial_mixture is not None:
-            if initial_mixture.n_features_in_ != rows.shape[1]:
+        if initial_mixture is not None and initial_mixture.n_features_in_ != rows.shape[1]:
+            raise ValueError(
+                f"X has {rows.shape[1]} features, but initial_mixture has {initial_mixture.n_features_in_}"
+            )
+        responsibilities = None
+        if initial_responsibilities is not None:
+            responsibilities = as_rows(initial_responsibilities, "initial_responsibilities")
+            if responsibilities.shape != (n, self.n_components):
                 raise ValueError(
-                    f"X has {rows.shape[1]} features, but initial_mixture has {initial_mixture.n_features_in_}"
+                    f"initial_responsibilities must have the shape {(n, self.n_components)}, "
+                    f"found {responsibilities.shape}"
                 )
-            start = _given(initial_mixture.weights_, initial_mixture.means_, initial_mixture.covariances_)
-        elif initial_responsibilities is not None:
-            given = as_rows(initial_responsibilities, "initial_responsibilities")
-            if given.shape != (n, self.n_components):
-                raise ValueError(
-                    f"initial_responsibilities must have the shape {(n, self.n_components)}, found {given.shape}"
-                )
-            start = _moments(rows, given, ridge)
-        else:
-            start = self._search(rows, np.sqrt(variances), ridge)
-        self._run(rows, start, ridge)
-        self._keep(self._parameters)
+            if (responsibilities < 0).any() or not np.allclose(responsibilities.sum(axis=1), 1.0, atol=1e-6):
+                raise ValueError("initial_responsibilities must be positive, and their sum 1 in every row")
+        # BLAS threads spin while they wait: on a busy machine two of them are slower than one by a factor of ten, and
+        # fits run side by side as tasks anyway.
+        with threadpool_limits(1, user_api="blas"):
+            variances = _variances(rows)
+            ridge = self.covariance_regularisation * variances
+            if initial_mixture is not None:
+                start = _given(initial_mixture.weights_, initial_mixture.means_, initial_mixture.covariances_)
+            elif responsibilities is not None:
+                start = _moments(rows, responsibilities, ridge)
+            else:
+                start = self._search(rows, np.sqrt(variances), ridge)
+            run = _maximise(rows, start, ridge, self.max_iterations, self.tolerance)
+        self._keep(run.parameters)
+        self.log_likelihoods_, self.converged_ = np.array(run.log_likelihoods), run.converged
+        self.n_iterations_ = len(self.log_likelihoods_) - 1
         return self
 
     def score_samples(self, X: npt.ArrayLike) -> FloatArray:
         """Return the log density of each row in nats (log of MP eq. 4), shape (n_samples,)."""
-        return _log_sum(self.log_joint(X))
+        return _log_sum(self.log_joint(X).T)
 
     def score(self, X: npt.ArrayLike, y: object = None) -> float:  # noqa: ARG002 - part of scikit-learn's protocol
         """Return the mean log density of a row in nats."""
@@ -189,7 +209,7 @@ class GaussianMixture(Estimator):
     def predict_proba(self, X: npt.ArrayLike) -> FloatArray:
         """Return each row's posterior responsibilities (MP eq. 7), shape (n_samples, k)."""
         joint = self.log_joint(X)
-        return np.exp(joint - _log_sum(joint)[:, None])
+        return np.exp(joint - _log_sum(joint.T)[:, None])
 
     def predict(self, X: npt.ArrayLike) -> npt.NDArray[np.intp]:
         """Return each row's most probable component from 0 (MP eq. 6, PP eq. 9), shape (n_samples,)."""
@@ -205,8 +225,8 @@ class GaussianMixture(Estimator):
         self._require_fit("means_")
         rows = self._rows(X)
         joint = np.empty((len(rows), len(self.weights_)))
-        for part in _chunks(rows):
-            joint[part] = _log_joint(rows[part].astype(np.float64, copy=False), self._parameters)[0]
+        for part in _chunks(rows, len(self.weights_)):
+            joint[part] = _log_joint(rows[part], self._parameters)[0].T
         return joint
 
     def sample(
@@ -274,33 +294,12 @@ class GaussianMixture(Estimator):
         generator = np.random.default_rng(self.random_state)
         if len(rows) > START_ROWS:
             rows = rows[np.sort(generator.choice(len(rows), START_ROWS, replace=False))]
-        found: list[tuple[float, _Parameters]] = []
+        runs: list[_Run] = []
         for _ in range(self.n_starts):
             labels = _k_means(rows / scale, self.n_components, generator)
-            run = GaussianMixture(**self.get_params())
-            run._run(rows, _moments(rows, np.eye(self.n_components)[labels], ridge), ridge)
-            found.append((run.log_likelihoods_[-1], run._parameters))
-        return max(found, key=lambda item: item[0])[1]
-
-    def _run(self, rows: npt.NDArray[np.floating[Any]], start: _Parameters, ridge: FloatArray) -> None:
-        """Run EM from `start` and keep what it leads to."""
-        parameters, statistics = start, _pass(rows, start)
-        self.log_likelihoods_, self.n_dropped_, self.converged_ = np.array([statistics.log_likelihood]), 0, False
-        for _ in range(self.max_iterations):
-            candidate, dropped = _update(parameters, statistics, ridge)
-            outcome = _pass(rows, candidate)
-            if dropped:
-                self.n_dropped_ += dropped
-                self.log_likelihoods_ = np.empty(0)
-            rise = outcome.log_likelihood - (self.log_likelihoods_[-1] if not dropped else -np.inf)
-            if rise >= 0:
-                parameters, statistics = candidate, outcome
-                self.log_likelihoods_ = np.append(self.log_likelihoods_, outcome.log_likelihood)
-            if rise < self.tolerance:
-                self.converged_ = True
-                break
-        self.n_iterations_ = len(self.log_likelihoods_) - 1
-        self._parameters = parameters
+            start = _moments(rows, np.eye(self.n_components)[labels], ridge)
+            runs.append(_maximise(rows, start, ridge, self.max_iterations, self.tolerance))
+        return max(runs, key=lambda run: run.log_likelihoods[-1]).parameters
 
     def _keep(self, parameters: _Parameters) -> None:
         self._parameters = parameters
@@ -317,57 +316,92 @@ def _given(weights: npt.ArrayLike, means: npt.ArrayLike, covariances: npt.ArrayL
         )
     if not (weights > 0).all():
         raise ValueError(f"weights must be positive, found {weights.min()}")
-    factors = [_cholesky(covariance) for covariance in covariances]
-    singular = [str(component) for component, factor in enumerate(factors) if factor is None]
+    singular = [
+        str(component) for component in range(len(weights)) if not _is_positive_definite(covariances[component])
+    ]
     if singular:
         raise ValueError(f"the covariance of component {', '.join(singular)} is not positive definite")
-    return _Parameters(weights / weights.sum(), means, covariances, np.array(factors))
+    return _parameters(weights, means, covariances)
 
 
-def _chunks(rows: npt.NDArray[np.floating[Any]]) -> Iterator[slice]:
+def _parameters(weights: FloatArray, means: FloatArray, covariances: FloatArray) -> _Parameters:
+    """Return parameters of positive definite covariances, their factors and inverses computed once."""
+    from scipy.linalg.lapack import dtrtri
+
+    factors = np.linalg.cholesky(covariances)
+    inverses = np.array([dtrtri(factor, lower=1)[0] for factor in factors])
+    return _Parameters(weights / weights.sum(), means, covariances, factors.astype(np.float64, copy=False), inverses)
+
+
+def _chunks(rows: npt.NDArray[np.floating[Any]], components: int = 1) -> Iterator[slice]:
     n, d = rows.shape
-    step = max(CHUNK_VALUES // d, 256)
+    step = max(CHUNK_VALUES // max(d, components), 64)
     for start in range(0, n, step):
         yield slice(start, min(start + step, n))
 
 
 def _log_sum(joint: FloatArray) -> FloatArray:
-    top = joint.max(axis=1)
-    total: FloatArray = top + np.log(np.exp(joint - top[:, None]).sum(axis=1))
+    """Return the log of the sum over the first axis of exponentials."""
+    top = joint.max(axis=0)
+    total: FloatArray = top + np.log(np.exp(joint - top).sum(axis=0))
     return total
 
 
-def _cholesky(covariance: FloatArray) -> FloatArray | None:
-    """Return the lower Cholesky factor, None where the matrix is not positive definite."""
+def _is_positive_definite(matrix: FloatArray) -> bool:
     try:
-        return np.linalg.cholesky(covariance).astype(np.float64, copy=False)
+        np.linalg.cholesky(matrix)
     except np.linalg.LinAlgError:
-        return None
+        return False
+    return True
 
 
 def _variances(rows: npt.NDArray[np.floating[Any]]) -> FloatArray:
     """Return each channel's variance over all rows; 1 for a constant channel, which has no scale of its own."""
     origin = rows[0].astype(np.float64)
     mean = origin + sum((rows[part] - origin).sum(axis=0) for part in _chunks(rows)) / len(rows)
-    variances: FloatArray = sum(np.square(rows[part] - mean).sum(axis=0) for part in _chunks(rows)) / len(rows)
-    return np.where(variances > 0, variances, 1.0)
+    total = sum(np.square(rows[part] - mean).sum(axis=0) for part in _chunks(rows))
+    return np.where(total > 0, total / len(rows), 1.0)
 
 
-def _log_joint(rows: FloatArray, parameters: _Parameters) -> tuple[FloatArray, list[FloatArray]]:
-    """Return log p_k g_k(x) (n, k), and by component the whitened rows L⁻¹(x − μ), each (n, d)."""
-    from scipy.linalg.blas import dtrsm
+def _log_joint(rows: npt.NDArray[np.floating[Any]], parameters: _Parameters) -> tuple[FloatArray, list[FloatArray]]:
+    """Return log p_k g_k(x) (k, n), and by component the whitened columns L⁻¹(x − μ), each (d, n).
 
-    n, d = rows.shape
-    joint = np.empty((n, len(parameters.weights)))
+    Samples are columns here: whatever is done to one row of such an array runs along memory.
+    """
+    from scipy.linalg.blas import dtrmm
+
+    columns = np.ascontiguousarray(rows.T, dtype=np.float64)
+    d, n = columns.shape
+    joint = np.empty((len(parameters.weights), n))
     whitened: list[FloatArray] = []
-    for k, (weight, mean, factor) in enumerate(
-        zip(parameters.weights, parameters.means, parameters.factors, strict=True)
-    ):
-        y = dtrsm(1.0, factor.T, (rows - mean).T, trans_a=1, overwrite_b=1).T
+    for k, inverse in enumerate(parameters.inverses):
+        y = dtrmm(1.0, inverse.T, (columns - parameters.means[k][:, None]).T, side=1, overwrite_b=1).T
         whitened.append(y)
-        constant = math.log(weight) - 0.5 * d * math.log(2 * math.pi) - np.log(np.diagonal(factor)).sum()
-        joint[:, k] = constant - 0.5 * np.einsum("ij,ij->i", y, y)
+        log_determinant = -np.log(np.diagonal(inverse)).sum()
+        constant = math.log(parameters.weights[k]) - 0.5 * d * math.log(2 * math.pi) - log_determinant
+        joint[k] = constant - 0.5 * np.einsum("ij,ij->j", y, y)
     return joint, whitened
+
+
+def _maximise(
+    rows: npt.NDArray[np.floating[Any]], start: _Parameters, ridge: FloatArray, max_iterations: int, tolerance: float
+) -> _Run:
+    """Run EM."""
+    parameters, statistics = start, _pass(rows, start)
+    log_likelihoods = [statistics.log_likelihood]
+    for _ in range(max_iterations):
+        candidate, dropped = _update(parameters, statistics, ridge)
+        outcome = _pass(rows, candidate)
+        if dropped:
+            parameters, statistics, log_likelihoods = candidate, outcome, [outcome.log_likelihood]
+            continue
+        rise = outcome.log_likelihood - log_likelihoods[-1]
+        if rise >= 0:
+            parameters, statistics = candidate, outcome
+            log_likelihoods.append(outcome.log_likelihood)
+        if rise < tolerance:
+            return _Run(parameters, log_likelihoods, converged=True)
+    return _Run(parameters, log_likelihoods, converged=False)
 
 
 def _pass(rows: npt.NDArray[np.floating[Any]], parameters: _Parameters) -> _Statistics:
@@ -378,19 +412,18 @@ def _pass(rows: npt.NDArray[np.floating[Any]], parameters: _Parameters) -> _Stat
     k = len(parameters.weights)
     log_likelihood, counts, first = 0.0, np.zeros(k), np.zeros((k, d))
     second = [np.zeros((d, d), order="F") for _ in range(k)]
-    for part in _chunks(rows):
-        joint, whitened = _log_joint(rows[part].astype(np.float64, copy=False), parameters)
+    for part in _chunks(rows, k):
+        joint, whitened = _log_joint(rows[part], parameters)
         totals = _log_sum(joint)
         log_likelihood += float(totals.sum())
-        responsibilities = np.exp(joint - totals[:, None])
-        for component, y in enumerate(whitened):
-            r = responsibilities[:, component]
-            own = np.flatnonzero(r > NEGLIGIBLE)
-            root = np.sqrt(r[own])
-            weighted = y[own] * root[:, None]
-            counts[component] += r[own].sum()
-            first[component] += root @ weighted
-            second[component] = dsyrk(1.0, weighted.T, beta=1.0, c=second[component], lower=1, overwrite_c=1)
+        for component, (responsibilities, y) in enumerate(zip(np.exp(joint - totals), whitened, strict=True)):
+            own = np.flatnonzero(responsibilities > NEGLIGIBLE)
+            r = responsibilities[own]
+            root = np.sqrt(r)
+            weighted = y[:, own] * root
+            counts[component] += r.sum()
+            first[component] += weighted @ root
+            second[component] = dsyrk(1.0, weighted.T, beta=1.0, c=second[component], trans=1, lower=1, overwrite_c=1)
     return _Statistics(log_likelihood / n, counts, first, np.array(second))
 
 
@@ -403,7 +436,7 @@ def _update(parameters: _Parameters, statistics: _Statistics, ridge: FloatArray)
     kept = list(range(k))
     if k > 1 and statistics.counts.min() < d + 1:
         kept.remove(int(statistics.counts.argmin()))
-    found: list[tuple[float, FloatArray, FloatArray, FloatArray]] = []
+    found: list[tuple[float, FloatArray, FloatArray]] = []
     for component in kept:
         count, factor = statistics.counts[component], parameters.factors[component]
         shift = statistics.first[component] / count
@@ -411,16 +444,15 @@ def _update(parameters: _Parameters, statistics: _Statistics, ridge: FloatArray)
         moment = (lower + np.tril(lower, -1).T) / count - np.outer(shift, shift)
         covariance = factor @ moment @ factor.T
         covariance = 0.5 * (covariance + covariance.T) + np.diag(ridge)
-        own_factor = _cholesky(covariance)
-        if own_factor is not None:
-            found.append((count, parameters.means[component] + factor @ shift, covariance, own_factor))
+        if _is_positive_definite(covariance):
+            found.append((count, parameters.means[component] + factor @ shift, covariance))
     if not found:
         raise ValueError(
             "no component has a positive definite covariance: columns depend on each other, or there are fewer rows "
             "than columns; raise covariance_regularisation or leave such columns out"
         )
-    counts, means, covariances, factors = (np.array(values) for values in zip(*found, strict=True))
-    return _Parameters(counts / counts.sum(), means, covariances, factors), k - len(found)
+    counts, means, covariances = (np.array(values) for values in zip(*found, strict=True))
+    return _parameters(counts, means, covariances), k - len(found)
 
 
 def _moments(
@@ -431,14 +463,15 @@ def _moments(
     counts = responsibilities.sum(axis=0, dtype=np.float64)
     occupied = counts > 0
     responsibilities, counts, k = responsibilities[:, occupied], counts[occupied], int(occupied.sum())
-    means = sum(responsibilities[part].T @ rows[part].astype(np.float64) for part in _chunks(rows)) / counts[:, None]
-    second = np.zeros((k, d, d))
+    means, second = np.zeros((k, d)), np.zeros((k, d, d))
+    for part in _chunks(rows):
+        means += responsibilities[part].T @ rows[part].astype(np.float64) / counts[:, None]
     for part in _chunks(rows):
         for component in range(k):
             centred = rows[part] - means[component]
             second[component] += (responsibilities[part, component, None] * centred).T @ centred
     unit = np.broadcast_to(np.eye(d), (k, d, d))
-    start = _Parameters(counts / n, means, unit, unit)
+    start = _Parameters(counts / n, means, unit, unit, unit)
     return _update(start, _Statistics(math.nan, counts, np.zeros((k, d)), second), ridge)[0]
 
 

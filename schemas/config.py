@@ -107,6 +107,7 @@ class Events(Section):
     brake_pressure: float = Field(default=80.0, gt=0, description="bar")
     swerve_steering_speed: float = Field(default=360.0, gt=0, description="deg/s at the steering wheel")
     swerve_lateral_acceleration: float = Field(default=6.0, gt=0, description="m/s²")
+    swerve_speed: float = Field(default=5.0, ge=0, description="m/s; slower steering is manoeuvring, not swerving")
     standstill: float = Field(default=1.0, ge=0, description="m/s; slower is not driving")
     rarity: float = Field(
         default=0.02,

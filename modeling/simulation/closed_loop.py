@@ -13,7 +13,8 @@ FloatArray = npt.NDArray[np.float64]
 
 COMFORT_JERK = 4.0  # m/s³
 EMERGENCY_JERK = 60.0  # m/s³
-FREE, BRAKING, RELEASING, SWERVING = 0, 1, 2, 3
+FREE, BRAKING, RELEASING, SWERVING, RECOVERING = 0, 1, 2, 3, 4
+RECOVERY = 1.0  # s, after a swerve
 COLUMNS = (
     "x", "y", "heading", "slip", "speed", "acceleration", "curvature", "road_wheel_angle", "road_wheel_speed",
     "pursuit_angle", "lookahead", "goal_x", "goal_y", "centre_x", "centre_y", "arc_length",
@@ -68,6 +69,7 @@ class Hands(NamedTuple):
     lookahead_minimum: float
     lookahead_maximum: float
     smoothing: float
+    acceleration: float
     noise: FloatArray
     speed_noise: FloatArray
 
@@ -96,10 +98,11 @@ def yaw_curvature(
 def swerve_shape(share: float) -> float:
     """Return the lateral acceleration of a swerve at a share of its duration, 1 in its middle.
 
-    It is the second derivative of u³(1 - u)³: away, back and straight again, so that neither the heading nor the
+    It is the second derivative of u⁴(1 - u)⁴: away, back and straight again, so that neither the heading nor the
     lateral position differs in the end.
     """
-    return -(6 * share - 36 * share**2 + 60 * share**3 - 30 * share**4) / 0.375
+    u = share
+    return -32 * u**2 * (1 - u) ** 2 * (3 - 14 * u + 14 * u**2)
 
 
 @njit(cache=True)
@@ -122,25 +125,26 @@ def goal_point(x: float, y: float, distance: float, line: Line, first: int) -> t
 
 @njit(cache=True)
 def run(
-    line: Line, plan: Plan, hazards: Hazards, hands: Hands, chassis: Chassis, period: float, start: float
+    line: Line, plan: Plan, hazards: Hazards, hands: Hands, chassis: Chassis, period: float
 ) -> tuple[FloatArray, npt.NDArray[np.int64]]:
     """Drive for as long as there is noise.
 
-    The car begins at rest on the centre line, `start` m from its beginning, and stands for three seconds. Every row is
+    The car begins at rest at the beginning of the centre line and stands for three seconds. Every row is
     the state at one instant and what the driver makes of it; the next row follows from it by one step of `period`
     seconds with trapezoidal integration.
 
     Returns:
-        (n_samples, n_columns) as `COLUMNS` names them, in SI units and radians, and (n_samples,) the index of the
+        (n_samples, n_columns) as `COLUMNS` names them, in SI units and radians, where pursuit angle, lookahead and
+        goal are NaN while the driver does not pursue: at standstill and in a swerve; and (n_samples,) the index of the
         hazard that the driver reacts to, -1 for none.
     """
     n = len(hands.noise)
     last = len(line.x) - 1
     states = np.empty((n, 16))
     reactions = np.full(n, -1)
-    foot = int(start / line.step)
-    x, y = line.x[foot], line.y[foot]
-    heading = math.atan2(line.y[foot + 1] - y, line.x[foot + 1] - x)
+    foot = 0
+    x, y = line.x[0], line.y[0]
+    heading = math.atan2(line.y[1] - y, line.x[1] - x)
     speed = acceleration = angle = smoothed = 0.0
     curvature = slip = 0.0
     standing = 3.0
@@ -170,6 +174,8 @@ def run(
         elif mode == RELEASING and acceleration > -1.5:
             mode = FREE
         elif mode == SWERVING and elapsed >= hazards.extent[reaction]:
+            mode = RECOVERING
+        elif mode == RECOVERING and elapsed >= hazards.extent[reaction] + RECOVERY:
             mode = FREE
         if mode != FREE:
             reactions[k] = reaction
@@ -191,9 +197,11 @@ def run(
 
         states[k, 0], states[k, 1], states[k, 2], states[k, 3] = x, y, heading, slip
         states[k, 4], states[k, 5], states[k, 6] = speed, acceleration, curvature
-        states[k, 7], states[k, 8], states[k, 9], states[k, 10] = angle, rate, pursuit, lookahead
-        states[k, 11], states[k, 12], states[k, 13], states[k, 14] = goal_x, goal_y, centre_x, centre_y
-        states[k, 15] = s
+        states[k, 7], states[k, 8] = angle, rate
+        states[k, 9:13] = np.nan
+        if speed > 0.0 and mode != SWERVING:
+            states[k, 9], states[k, 10], states[k, 11], states[k, 12] = pursuit, lookahead, goal_x, goal_y
+        states[k, 13], states[k, 14], states[k, 15] = centre_x, centre_y, s
 
         # Pedals: follow the plan a third of a second ahead; wait at stops; brake for hazards.
         jerk = COMFORT_JERK
@@ -205,7 +213,9 @@ def run(
             ahead = max(s + 0.3 * speed + 0.5, departed + 1.0)
             place = min(int(ahead / line.step), last)
             aim = max(plan.speed[place] * (1.0 + hands.speed_noise[k]), 0.8)
-            wanted = plan.acceleration[place] + (aim - speed) / 1.5
+            # At walking pace the car creeps up to the line, however early the braking was.
+            planned = plan.acceleration[place] if speed > 1.5 else max(plan.acceleration[place], 0.0)
+            wanted = min(planned + (aim - speed) / 1.5, hands.acceleration)
             if speed < 2.0 and wanted < 0.0:
                 wanted = max(wanted, -0.4 - 0.7 * speed)
             if next_stop < len(plan.stop) and plan.stop[next_stop] - s < 0.3:
@@ -230,7 +240,9 @@ def run(
                 next_stop += 1
                 departed = s
         if mode != SWERVING and speed > 0.0:
-            smoothed += (pursuit + hands.noise[k] - smoothed) * (1 - math.exp(-period / hands.smoothing))
+            # After a swerve the driver takes hold of the lane again by and by.
+            time = hands.smoothing if mode != RECOVERING else 3 * hands.smoothing
+            smoothed += (pursuit + hands.noise[k] - smoothed) * (1 - math.exp(-period / time))
         angle += rate * period
         next_curvature = math.tan(angle) / (chassis.wheelbase + chassis.understeer_gradient * next_speed**2)
         next_slip = -chassis.rear_slip * next_speed**2 * next_curvature

@@ -15,7 +15,7 @@ KINDS = ("straight", "curve", "turn", "lane change", "crossing")
 class Road:
     """The centre line of the lane that is driven, sampled every `STEP` metres of arc length.
 
-    It begins at the origin. Curvature is continuous and linear in arc length between the joints.
+    It begins at the origin, in any direction. Curvature is continuous and linear in arc length between the joints.
 
     Attributes:
         s: m (n,), arc length from the beginning.
@@ -90,14 +90,14 @@ class _Layout:
 
 
 def _town(layout: _Layout, generator: np.random.Generator) -> None:
-    """Four or five blocks at 40 to 50 km/h, right turns tighter than left ones, as where one drives on the right."""
+    """Five to seven blocks at 40 to 50 km/h, right turns tighter than left ones, as where one drives on the right."""
     limit = generator.choice([40.0, 45.0, 50.0]) / 3.6
-    for _ in range(generator.integers(4, 6)):
+    for _ in range(generator.integers(5, 8)):
         layout.straight(generator.uniform(60, 180), limit)
         what = generator.random()
         if what < 0.55:
             side = generator.choice([-1.0, 1.0])
-            radius = generator.uniform(9, 13) if side < 0 else generator.uniform(12, 18)
+            radius = generator.uniform(8, 11) if side < 0 else generator.uniform(11, 16)
             layout.turn(radius, side, np.radians(generator.uniform(84, 96)), limit)
         elif what < 0.7:
             layout.crossing(limit)
@@ -112,8 +112,8 @@ def _town(layout: _Layout, generator: np.random.Generator) -> None:
 def _main_road(
     layout: _Layout, generator: np.random.Generator, limit: float, radii: tuple[float, float], straights: float
 ) -> None:
-    """Four to six gentle curves and lane changes; an overtaking is a change to the left and one back."""
-    for _ in range(generator.integers(4, 7)):
+    """Three to five gentle curves and lane changes; an overtaking is a change to the left and one back."""
+    for _ in range(generator.integers(3, 6)):
         layout.straight(generator.uniform(0.3, 1.0) * straights, limit)
         what = generator.random()
         if what < 0.6:
@@ -146,21 +146,21 @@ def generate_road(generator: np.random.Generator, length: float) -> Road:
         if district == 0:
             _town(layout, generator)
         elif district == 1:
-            _main_road(layout, generator, generator.choice([60.0, 70.0, 80.0]) / 3.6, (120, 450), 250)
+            _main_road(layout, generator, generator.choice([60.0, 70.0, 80.0]) / 3.6, (100, 350), 200)
         else:
-            _main_road(layout, generator, generator.choice([80.0, 90.0]) / 3.6, (400, 1200), 400)
+            _main_road(layout, generator, generator.choice([80.0, 90.0]) / 3.6, (300, 900), 300)
         ramp = np.radians(generator.uniform(50, 120)) * generator.choice([-1.0, 1.0])
         layout.curve(generator.uniform(35, 70), ramp, 50.0 / 3.6)
         district = (district + 1) % 3
     layout.straight(100.0, 40.0 / 3.6)
-    return _sample(layout)
+    return _sample(layout, generator.uniform(-np.pi, np.pi))
 
 
-def _sample(layout: _Layout) -> Road:
+def _sample(layout: _Layout, direction: float) -> Road:
     s = np.arange(0, layout.s[-1], STEP)
     curvature = np.interp(s, layout.s, layout.curvature)
     turned = STEP * (curvature[1:] + curvature[:-1]) / 2
-    heading = np.concatenate(([0.0], np.cumsum(turned)))
+    heading = direction + np.concatenate(([0.0], np.cumsum(turned)))
     middle = heading[:-1] + turned / 2
     chord = STEP * np.sinc(turned / (2 * np.pi))
     starts, kinds, limits = (np.array(column) for column in zip(*layout.starts, strict=True))

@@ -15,6 +15,7 @@ import httpx
 import numpy as np
 import pyarrow as pa
 import pytest
+
 from wheelprint.dataset.events import Event, read_events, write_events
 from wheelprint.dataset.review import create_app, serve
 from wheelprint.schemas.errors import InputError
@@ -64,7 +65,7 @@ def request(project: Project, method: str, path: str, *, base: str = HOST, **opt
     """Send one request to the application itself, without a socket."""
 
     async def send() -> httpx.Response:
-        transport = httpx.ASGITransport(create_app(project, TOKEN, decided_by="Ägidius"))
+        transport = httpx.ASGITransport(create_app(project, TOKEN, reviewer="Ägidius"))
         async with httpx.AsyncClient(transport=transport, base_url=base) as client:
             return await client.request(method, path, **options)
 

@@ -1,0 +1,355 @@
+"""CAN databases as plain data: what a message carries, where in its payload, and in which unit."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from ...schemas import databases
+from ...schemas.errors import InputError
+
+SUFFIXES = (".dbc", ".kcd", ".sym", ".arxml")
+
+_LONGEST_MESSAGE = 4096  # bytes; what ISO-TP and J1939 carry in several frames is below
+_MOST_VALUES = 65536  # of a multiplexer, in one range
+_LARGEST = 1e300  # scale and offset
+
+
+@dataclass(frozen=True, slots=True)
+class SignalLayout:
+    """One signal of a message: physical value = raw value × `scale` + `offset`.
+
+    Attributes:
+        name: Name in the database.
+        start: Bit number 8 × byte + bit within the byte (0 the least significant), as in a DBC: of the least
+            significant bit of a little-endian signal, of the most significant bit of a big-endian one.
+        length: Number of bits.
+        big_endian: Motorola byte order, else Intel.
+        signed: Two's complement.
+        is_float: The raw value is an IEEE 754 number of 16, 32 or 64 bits.
+        scale: An int only where scale, offset and raw value are integers and so is the physical value, or where the
+            database writes one.
+        offset: See `scale`.
+        unit: As the database writes it, empty where it has none.
+        description: The database's comment.
+        choices: Raw values with their names, in the database's order.
+        multiplexer: Signal of the same message that selects this one, None where it is always there.
+        multiplexer_values: Raw values of the multiplexer, as unsigned numbers, that select this signal, ascending.
+    """
+
+    name: str
+    start: int
+    length: int
+    big_endian: bool = False
+    signed: bool = False
+    is_float: bool = False
+    scale: float = 1
+    offset: float = 0
+    unit: str = ""
+    description: str = ""
+    choices: tuple[tuple[int, str], ...] = ()
+    multiplexer: str | None = None
+    multiplexer_values: tuple[int, ...] = ()
+
+    @property
+    def first_bit(self) -> int:
+        """Place in the payload's bits: counted from each byte's least (big-endian: most) significant one."""
+        return self.start ^ 7 if self.big_endian else self.start
+
+    @property
+    def column(self) -> str:
+        """Name of the signal's column; one that is taken by a frame's own gets an underscore."""
+        return f"{self.name}_" if self.name in {"time", "channel"} else self.name
+
+
+@dataclass(frozen=True, slots=True)
+class MessageLayout:
+    """One message.
+
+    Attributes:
+        name: Name in the database.
+        id: Identifier.
+        extended: The identifier has 29 bits.
+        length: Payload bytes that the database states.
+        description: The database's comment.
+        signals: In the database's order.
+        source: The database it is from, as the project names it.
+    """
+
+    name: str
+    id: int
+    extended: bool
+    length: int
+    description: str
+    signals: tuple[SignalLayout, ...]
+    source: str = ""
+
+    @property
+    def label(self) -> str:
+        """Name and identifier as they are written to a user: `STEER (0x11F)`."""
+        return f"{self.name} (0x{self.id:08X})" if self.extended else f"{self.name} (0x{self.id:03X})"
+
+
+@dataclass(frozen=True)
+class Database:
+    """The messages of one or several databases; no two have the same name or the same identifier."""
+
+    messages: tuple[MessageLayout, ...] = ()
+
+    @cached_property
+    def by_name(self) -> dict[str, MessageLayout]:
+        """Messages by their name."""
+        return {message.name: message for message in self.messages}
+
+    def find(self, message: str, signal: str) -> tuple[MessageLayout, SignalLayout]:
+        """Return a message and one of its signals.
+
+        Raises:
+            LookupError: There is no such message or signal; the text names similar ones and where the signal is.
+        """
+        layout = self.by_name.get(message)
+        having = [m.name for m in self.messages if signal.casefold() in {s.name.casefold() for s in m.signals}]
+        if layout is None:
+            fact, near = f"the database has no message {message}", _near(message, self.by_name)
+            known = f"The messages are {_enumerate(self.by_name)}" if self.messages else "It has no messages at all"
+        else:
+            names = [s.name for s in layout.signals]
+            if signal in names:
+                return layout, layout.signals[names.index(signal)]
+            fact, near = f"message {layout.label} has no signal {signal}", _near(signal, names)
+            known = f"Its signals are {_enumerate(names)}" if names else "It has no signals at all"
+        fact += f"; did you mean {near}?" if near else "."
+        if others := [name for name in having if name != message]:
+            known = f"A signal {signal} is in {_enumerate(others)}"
+        elif near:
+            raise LookupError(fact)
+        raise LookupError(f"{fact} {known}")
+
+
+def shipped_databases() -> tuple[str, ...]:
+    """Return the names of the databases that come with Wheelprint."""
+    return tuple(
+        sorted(file.name[: -len(".dbc")] for file in resources.files(databases).iterdir() if file.name.endswith(".dbc"))
+    )
+
+
+def load_database(names: Sequence[str], base: Path) -> Database:
+    """Load databases and merge them.
+
+    Args:
+        names: Shipped names (`byd_tang`) or paths of DBC, KCD, SYM or ARXML files.
+        base: The folder that relative paths start from.
+
+    Raises:
+        InputError: The first of what `load_databases` complains of.
+    """
+    database, problems = load_databases(names, base)
+    if problems:
+        raise problems[0]
+    return database
+
+
+def load_databases(names: Sequence[str], base: Path) -> tuple[Database, list[InputError]]:
+    """Load and merge what can be; return it with a complaint about everything that cannot.
+
+    Of messages with the same name or identifier the first is kept.
+
+    Args:
+        names: See `load_database`.
+        base: See `load_database`.
+    """
+    problems: list[InputError] = []
+    kept: list[MessageLayout] = []
+    taken: dict[Any, MessageLayout] = {}
+    for name in dict.fromkeys(names):
+        collisions: dict[str, list[str]] = defaultdict(list)
+        try:
+            messages = _load(name, base, problems)
+        except InputError as error:
+            problems.append(error)
+            continue
+        for message in messages:
+            keys = (message.name, (message.id, message.extended))
+            earlier = next((taken[key] for key in keys if key in taken), None)
+            if earlier is None:
+                kept.append(message)
+                taken.update(dict.fromkeys(keys, message))
+            else:
+                collisions[earlier.source].append(
+                    message.label if earlier.label == message.label else f"{message.label} against {earlier.label}"
+                )
+        for source, labels in collisions.items():
+            where = "twice in this database" if source == name else f"in this database and in {source}"
+            reason = (
+                f"same message name or identifier {where}: {', '.join(labels)}. Which one a frame is cannot be known; "
+                "remove one of each pair"
+            )
+            problems.append(InputError(_place(name, base), "", reason))
+    return Database(tuple(kept)), problems
+
+
+def _place(name: str, base: Path) -> str:
+    return name if name in shipped_databases() else str(base / name)
+
+
+def _load(name: str, base: Path, problems: list[InputError]) -> list[MessageLayout]:
+    """Return the messages of one database; what is wrong with single messages goes to `problems`."""
+    import cantools
+
+    if name in shipped_databases():
+        path, content = Path(name), (resources.files(databases) / f"{name}.dbc").read_bytes()
+        kind = "dbc"
+    else:
+        path = base / name
+        kind = path.suffix.lower().removeprefix(".")
+        content = _read(path, name)
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = content.decode("cp1252", "replace")
+    if kind == "dbc":
+        _refuse_monsters(path, text)
+    try:
+        loaded = cantools.database.load_string(text, kind, strict=False, sort_signals=None)
+    except cantools.database.UnsupportedDatabaseFormatError as error:
+        said = re.sub(r'^[A-Z]+: "(.*)"$', r"\1", str(error), flags=re.DOTALL)
+        line = re.search(r"line (\d+)", said)
+        reason = f"cantools cannot read this {kind.upper()} file: {said}. Correct the file there, or export it again"
+        raise InputError(path, f"line {line[1]}" if line else "", reason) from None
+    layouts = []
+    for message in loaded.messages:
+        layout = _message_layout(message, name)
+        if wrong := _complaints(layout):
+            problems.append(InputError(path, f"message {layout.label}", f"{'; '.join(wrong)}. It is left out"))
+        else:
+            layouts.append(layout)
+    return layouts
+
+
+def _read(path: Path, name: str) -> bytes:
+    shipped = shipped_databases()
+    if path.suffix.lower() not in SUFFIXES:
+        near = _near(name, shipped)
+        reason = (
+            f"neither a shipped database ({', '.join(shipped)}) nor a path that ends in {', '.join(SUFFIXES)}"
+            f"{f'; did you mean {near}?' if near else ''}"
+        )
+        raise InputError(path, "", reason)
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        beside = [file.name for file in path.parent.glob("*") if file.suffix.lower() in SUFFIXES]
+        near = _near(path.name, [*beside, *shipped])
+        reason = (
+            f"no such file{f'; did you mean {near}?' if near else '.'} "
+            f"A database is a shipped name ({', '.join(shipped)}) or a path from the project folder"
+        )
+        raise InputError(path, "", reason) from None
+    except OSError as error:
+        raise InputError(path, "", f"cannot be read: {error.strerror}") from None
+
+
+def _refuse_monsters(path: Path, text: str) -> None:
+    """Refuse numbers for which cantools would take gigabytes of memory, as a damaged or hostile DBC has them."""
+    limits = (
+        (r"^[ \t]*BO_\s+\d+\s+\w+\s*:\s*(\d+)", _LONGEST_MESSAGE, "bytes in a message"),
+        (r"^[ \t]*SG_\s[^:\n]*:\s*(\d+)\s*\|", 8 * _LONGEST_MESSAGE, "as start bit of a signal"),
+        (r"^[ \t]*SG_\s[^:\n]*:\s*\d+\s*\|\s*(\d+)", 8 * _LONGEST_MESSAGE, "bits in a signal"),
+    )
+    for pattern, limit, what in limits:
+        for match in re.finditer(pattern, text, re.MULTILINE):
+            if int(match[1]) > limit:
+                raise InputError(
+                    path,
+                    f"line {text.count(chr(10), 0, match.start(1)) + 1}",
+                    f"{match[1]} {what}, where at most {limit} make sense; the file is damaged or not meant for CAN",
+                )
+    for statement in re.finditer(r"^[ \t]*SG_MUL_VAL_\s[^;]*", text, re.MULTILINE):
+        for low, high in re.findall(r"(\d+)\s*-\s*(\d+)", statement[0]):
+            if int(high) - int(low) > _MOST_VALUES:
+                raise InputError(
+                    path,
+                    f"line {text.count(chr(10), 0, statement.start()) + 1}",
+                    f"a multiplexed signal with the values {low}-{high}, where at most {_MOST_VALUES} make sense; "
+                    "the file is damaged",
+                )
+
+
+def _message_layout(message: Any, source: str) -> MessageLayout:
+    return MessageLayout(
+        name=message.name,
+        id=message.frame_id,
+        extended=message.is_extended_frame,
+        length=message.length,
+        description=message.comment or "",
+        signals=tuple(_signal_layout(signal) for signal in message.signals),
+        source=source,
+    )
+
+
+def _signal_layout(signal: Any) -> SignalLayout:
+    conversion = signal.conversion
+    scale, offset = conversion.scale, conversion.offset
+    if not conversion.is_float and all(isinstance(number, int) or number.is_integer() for number in (scale, offset)):
+        scale, offset = int(scale), int(offset)
+    return SignalLayout(
+        name=signal.name,
+        start=signal.start,
+        length=signal.length,
+        big_endian=signal.byte_order == "big_endian",
+        signed=signal.is_signed,
+        is_float=conversion.is_float,
+        scale=scale,
+        offset=offset,
+        unit=signal.unit or "",
+        description=signal.comment or "",
+        choices=tuple((int(value), str(text)) for value, text in (conversion.choices or {}).items()),
+        multiplexer=signal.multiplexer_signal if signal.multiplexer_ids is not None else None,
+        multiplexer_values=tuple(sorted(signal.multiplexer_ids or ())),
+    )
+
+
+def _complaints(message: MessageLayout) -> list[str]:
+    """Say what makes a message impossible to decode."""
+    by_name = {signal.name: signal for signal in message.signals}
+    complaints = [
+        f"{count} signals are called {name}; rename all but one"
+        for name, count in Counter(signal.column for signal in message.signals).items()
+        if count > 1
+    ]
+    for signal in message.signals:
+        if signal.is_float and signal.length not in (16, 32, 64):
+            complaints.append(f"signal {signal.name} is a float of {signal.length} bits, where 16, 32 and 64 exist")
+        if not (abs(signal.scale) < _LARGEST and abs(signal.offset) < _LARGEST):
+            complaints.append(f"signal {signal.name} has no usable scale and offset ({signal.scale}, {signal.offset})")
+        chain = [signal.name]
+        while (parent := by_name[chain[-1]].multiplexer) is not None and len(chain) == len(set(chain)):
+            if parent not in by_name:
+                complaints.append(f"signal {chain[-1]} is selected by {parent}, which is not there")
+                break
+            if by_name[parent].length > 64:
+                complaints.append(f"multiplexer {parent} has {by_name[parent].length} bits, more than 64")
+                break
+            chain.append(parent)
+        if len(chain) > len(set(chain)):
+            complaints.append(f"multiplexers select each other: {' by '.join(chain)}")
+    return complaints
+
+
+def _near(name: str, known: Iterable[str]) -> str:
+    """Return what may have been meant, empty where nothing is like it."""
+    folded = {candidate.casefold(): candidate for candidate in known}
+    near = difflib.get_close_matches(name.casefold(), folded, n=3)
+    return _enumerate((folded[key] for key in near), "or") if near else ""
+
+
+def _enumerate(names: Iterable[str], last: str = "and") -> str:
+    *head, tail = names
+    return f"{', '.join(head)} {last} {tail}" if head else tail

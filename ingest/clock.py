@@ -1,0 +1,175 @@
+"""The CAN logger's clock against UTC, from what the car and the navigation unit both measure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from .alignment import MINIMUM_OVERLAP_S, SECOND, Fit, Peak, Signal, changes, refine, search
+from .resample import Times, Values, grid, resample
+
+PERIOD_S = 0.1
+BRIDGED_GAP_S = 0.5
+STANDSTILL = 1.0
+"""m/s; slower, a wheel speed sensor says zero or nothing."""
+PROMISING_CORRELATION = 0.7
+"""Enough to end the search: a drift still blurs the peak."""
+MINIMUM_CORRELATION = 0.9
+MAXIMUM_STANDARD_ERROR_S = 0.020
+ADVICE = "; if the offset is known, give it as sync.clock in seconds"
+
+Series: TypeAlias = tuple[Times, Values]
+
+
+@dataclass(frozen=True, slots=True)
+class ClockEstimate:
+    """How CAN stamps become UTC: the stamp t is `offset_s + 1e-6·drift_ppm·(t - reference)` ahead of UTC.
+
+    Attributes:
+        offset_s: CAN stamp - UTC at the recording's start, s; 0 where nothing is applied.
+        drift_ppm: What the offset gains, µs per s of the CAN clock; 0 where nothing is applied.
+        residual_ms: Weighted rms of what the offset of single ten-second blocks differs from the line; None where
+            nothing was estimated.
+        standard_error_ms: The offset's largest standard error within the recording. It knows the sensors' noise and
+            how that hangs together in time, not their latency.
+        correlation: Between the changes of CAN and navigation signals once aligned, of the signal that agrees best.
+        applied: Whether the stamps are changed.
+        reason: What the offset comes from, or why there is none.
+        reference: CAN stamp in ns that `offset_s` refers to, the recording's start.
+    """
+
+    offset_s: float
+    drift_ppm: float
+    residual_ms: float | None
+    standard_error_ms: float | None
+    correlation: float | None
+    applied: bool
+    reason: str
+    reference: int
+
+    @classmethod
+    def trusted(cls, reason: str) -> ClockEstimate:
+        """Return the estimate that leaves the stamps as they are."""
+        return cls(0.0, 0.0, None, None, None, applied=False, reason=reason, reference=0)
+
+    @classmethod
+    def fixed(cls, offset_s: float, reason: str) -> ClockEstimate:
+        """Return the estimate that takes away an offset known from elsewhere, the same throughout."""
+        return cls(offset_s, 0.0, None, None, None, applied=True, reason=reason, reference=0)
+
+
+def to_utc(can_time: Times, estimate: ClockEstimate) -> Times:
+    """Return the UTC stamps of CAN stamps (n_samples,), both in ns; only the drift's share is rounded, to 1 ns."""
+    gained = np.rint((can_time - estimate.reference) * (1e-6 * estimate.drift_ppm)).astype(np.int64)
+    return can_time - round(estimate.offset_s * SECOND) - gained
+
+
+def estimate_clock(
+    can_time: Times,
+    can_speed: npt.ArrayLike,
+    nav_time: Times,
+    nav_speed: npt.ArrayLike,
+    *,
+    can_yaw_rate: Series | None = None,
+    nav_yaw_rate: Series | None = None,
+    max_offset_s: float = 10.0,
+) -> ClockEstimate:
+    """Estimate offset and drift of the CAN clock; where they cannot be told, say why and change nothing.
+
+    Offsets within ±`max_offset_s` are tried first. If nothing fits there (a logger on local time, or one that counts
+    from its own start), all those at which at least half of the shorter log overlaps are. The drift is 0 ± 60 ppm
+    before anything is measured, and so stays near 0 in recordings too short to tell it.
+
+    Args:
+        can_time: (n_can,) stamps of the CAN speed, ns.
+        can_speed: (n_can,) m/s, NaN where missing; its scale and bias do not matter.
+        nav_time: (n_nav,) UTC stamps of the navigation's speed, ns.
+        nav_speed: (n_nav,) m/s, NaN where missing.
+        can_yaw_rate: Stamps in ns and values in deg/s; scale, bias and sign do not matter.
+        nav_yaw_rate: UTC stamps in ns and values in deg/s. Yaw rates are used if both are given.
+        max_offset_s: Largest offset that is tried first, s.
+
+    Returns:
+        The estimate. It is applied if the correlation reaches 0.9, no other offset explains the signals nearly as
+        well, and the standard error stays within 20 ms throughout the recording.
+    """
+    can = {"speed": (can_time, np.asarray(can_speed, np.float64))}
+    nav = {"speed": (nav_time, np.asarray(nav_speed, np.float64))}
+    nav["speed"] = (nav_time, np.where(nav["speed"][1] < STANDSTILL, np.nan, nav["speed"][1]))
+    if can_yaw_rate is not None and nav_yaw_rate is not None:
+        can["yaw rate"], nav["yaw rate"] = can_yaw_rate, nav_yaw_rate
+    names = [name for name in can if min(np.isfinite(side[name][1]).sum() for side in (can, nav)) > 2]
+    if not names:
+        return ClockEstimate.trusted("CAN and navigation have no driving in common that both measured")
+    sampling = max(int(np.median(np.diff(np.sort(side[name][0])))) for side in (can, nav) for name in names)
+    period = max(round(PERIOD_S * SECOND), 2 * sampling + 1)
+    max_gap = max(round(BRIDGED_GAP_S * SECOND), 3 * sampling)
+
+    can_grid = _common_grid([can[name][0] for name in names], period)
+    nav_grid = _common_grid([nav[name][0] for name in names], period)
+    signals = [Signal(name, resample(*can[name], can_grid, "mean", max_gap, period), nav[name]) for name in names]
+    compared = [
+        (
+            changes(signal.values, period),
+            changes(resample(*signal.reference, nav_grid, "mean", max_gap, period), period),
+        )
+        for signal in signals
+    ]
+    start_s = int(can_grid[0] - nav_grid[0]) / SECOND
+    peak = search(compared, period / SECOND, start_s, max_offset_s)
+    if peak is None or max(peak.correlations) < PROMISING_CORRELATION:
+        anywhere = search(compared, period / SECOND, start_s, None)
+        if anywhere is not None and max(anywhere.correlations) >= PROMISING_CORRELATION:
+            peak = anywhere
+    if peak is None:
+        reason = (
+            f"no overlap: CAN and navigation have less than {MINIMUM_OVERLAP_S:.0f} s of driving in common within "
+            f"±{max_offset_s:g} s, and nowhere else do they agree{ADVICE}"
+        )
+        return ClockEstimate.trusted(reason)
+    best = max(peak.correlations)
+    if best == 0:
+        return ClockEstimate.trusted(f"too little excitation: neither speed nor yaw rate changes{ADVICE}")
+    telling = [signal for signal, r in zip(signals, peak.correlations, strict=True) if r > 0.5 * best]
+    fit = refine(telling, can_grid, peak.shift_s, period, max_gap)
+    doubt = _doubt(fit, peak)
+    alone = ", ".join(f"{name} alone says {shift:.3f} s" for name, shift in fit.alone.items())
+    return ClockEstimate(
+        offset_s=0.0 if doubt else fit.shift_s,
+        drift_ppm=0.0 if doubt else 1e6 * fit.gain_s * SECOND / int(can_grid[-1] - can_grid[0]),
+        residual_ms=1e3 * fit.residual_s,
+        standard_error_ms=1e3 * fit.standard_error_s,
+        correlation=fit.correlation,
+        applied=not doubt,
+        reason=doubt or (f"from speed and yaw rate: {alone}" if len(telling) > 1 else f"from {telling[0].name}"),
+        reference=int(can_grid[0]),
+    )
+
+
+def _common_grid(times: Sequence[Times], period: int) -> Times:
+    return grid(min(int(time.min()) for time in times), max(int(time.max()) for time in times) + 1, period)
+
+
+def _doubt(fit: Fit, peak: Peak) -> str:
+    """Return why the fit cannot be relied on, empty where it can."""
+    if fit.correlation < MINIMUM_CORRELATION:
+        return (
+            f"CAN and navigation do not agree: correlation {fit.correlation:.2f} at the best offset "
+            f"{peak.shift_s:.1f} s, {MINIMUM_CORRELATION} is needed; another quantity, or too little driving{ADVICE}"
+        )
+    if peak.rival_s is not None:
+        return f"ambiguous: offsets of {peak.shift_s:.1f} s and {peak.rival_s:.1f} s explain the signals alike{ADVICE}"
+    if not fit.converged:
+        return (
+            f"no offset near {peak.shift_s:.1f} s fits throughout; the CAN clock may have been set on the way{ADVICE}"
+        )
+    if fit.standard_error_s > MAXIMUM_STANDARD_ERROR_S:
+        return (
+            f"too little excitation: the offset {fit.shift_s:.3f} s has a standard error of "
+            f"{1e3 * fit.standard_error_s:.0f} ms, more than {1e3 * MAXIMUM_STANDARD_ERROR_S:.0f} ms{ADVICE}"
+        )
+    return ""

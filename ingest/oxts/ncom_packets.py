@@ -1,0 +1,222 @@
+"""The packets of an NCOM file: found, counted, stamped and decoded, still with the unit's own axes and units."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ...schemas.errors import InputError
+from ..account import Account
+from . import ncom_layout as layout
+from .ncom_time import Notices, Stamps, stamp_packets
+
+BATCH = 65_536
+"""Packets decoded at once; about 20 MB."""
+CHUNK = 65_536
+"""Compressed bytes read at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class NcomPackets:
+    """Packets in the order of the file, with the unit's own axes and units.
+
+    What a packet's navigation status says is not applied here: every field is what the bytes hold.
+
+    Attributes:
+        offset: int64 (n,), byte of the (decompressed) file where the packet begins.
+        time: int64 (n,), ns since 1970, UTC; 0 where not known.
+        time_known: bool (n,).
+        milliseconds: uint16 (n,), into the GPS minute.
+        acceleration: (n, 3) m/s², x, y, z of the vehicle: forward, right, down; gravity included (level: z ≈ -9.8).
+        angular_rate: (n, 3) rad/s about the same axes.
+        status: uint8 (n,), navigation status.
+        latitude: (n,) rad, WGS 84.
+        longitude: (n,) rad.
+        altitude: (n,) m.
+        velocity: (n, 3) m/s, north, east, down.
+        orientation: (n, 3) rad, heading (clockwise from north), pitch (nose up), roll (right side down).
+        channel: uint8 (n,), status channel.
+        batch: uint8 (n, 8), the status channel's content ("batch S").
+        checksum1: bool (n,), whether checksum 1 (of bytes 1 to 21) is right. Checksum 3 of all of them is.
+        checksum2: bool (n,), whether checksum 2 (of bytes 1 to 60) is right.
+    """
+
+    offset: npt.NDArray[np.int64]
+    time: npt.NDArray[np.int64]
+    time_known: npt.NDArray[np.bool_]
+    milliseconds: npt.NDArray[np.uint16]
+    acceleration: npt.NDArray[np.float64]
+    angular_rate: npt.NDArray[np.float64]
+    status: npt.NDArray[np.uint8]
+    latitude: npt.NDArray[np.float64]
+    longitude: npt.NDArray[np.float64]
+    altitude: npt.NDArray[np.float64]
+    velocity: npt.NDArray[np.float64]
+    orientation: npt.NDArray[np.float64]
+    channel: npt.NDArray[np.uint8]
+    batch: npt.NDArray[np.uint8]
+    checksum1: npt.NDArray[np.bool_]
+    checksum2: npt.NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.offset)
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """A file's packets, found and stamped but not yet decoded.
+
+    Attributes:
+        data: uint8 (n_bytes,), the file; mapped, not loaded, unless it is compressed.
+        offset: int64 (n,), where packets begin.
+        stamps: Their times.
+    """
+
+    data: npt.NDArray[np.uint8]
+    offset: npt.NDArray[np.int64]
+    stamps: Stamps
+
+    def __iter__(self) -> Iterator[tuple[int, NcomPackets]]:
+        """Yield batches of decoded packets, each with the number of its first packet."""
+        for first in range(0, len(self.offset), BATCH):
+            chosen = slice(first, first + BATCH)
+            yield first, _decode(self.data, self.offset[chosen], self.stamps.time[chosen], self.stamps.known[chosen])
+
+
+def scan_packets(path: Path, account: Account) -> Scan:
+    """Find and stamp the packets of a file.
+
+    Args:
+        path: NCOM, plain or gzip-compressed.
+        account: Every stretch of bytes between packets is counted as one rejection, with its first byte. A packet
+            that the file ends within makes it truncated and is counted as nothing else.
+
+    Raises:
+        InputError: The file is missing, unreadable, empty, damaged as gzip, or holds no packet.
+    """
+    from .ncom_sync import find_packets
+
+    data = _content(path, account)
+    offset = find_packets(data)
+    if len(offset) == 0:
+        reason = (
+            f"holds no NCOM packet in {len(data)} bytes; one is 72 bytes from 0xE7 to a matching checksum. "
+            "It may be of another format: export the unit's recording as NCOM"
+        )
+        raise InputError(path, "", reason)
+    _account_for_the_rest(data, offset, account)
+    status, channel = data[offset + 21], data[offset + 62]
+    milliseconds = data[offset + 1] | data[offset + 2].astype(np.uint16) << 8
+    return Scan(data, offset, stamp_packets(status, milliseconds, *_notices(data, offset, status, channel)))
+
+
+def _content(path: Path, account: Account) -> npt.NDArray[np.uint8]:
+    try:
+        with path.open("rb") as raw:
+            head = raw.read(2)
+        if not head:
+            raise InputError(
+                path, "", "the file is empty; the unit may have been switched off before it wrote anything"
+            )
+        if head != b"\x1f\x8b":
+            return np.asarray(np.memmap(path, np.uint8, "r"))
+        return np.frombuffer(_decompressed(path, account), np.uint8)
+    except FileNotFoundError:
+        raise InputError(path, "", "no such file; check the path, or whether the disk is mounted") from None
+    except OSError as error:
+        raise InputError(path, "", f"cannot be read: {error.strerror or error}") from None
+
+
+def _decompressed(path: Path, account: Account) -> bytes:
+    """Return the content of a gzip file; of one that was cut off, what is left of it."""
+    content = bytearray()
+    member = zlib.decompressobj(wbits=31)
+    with path.open("rb") as raw:
+        while chunk := raw.read(CHUNK):
+            while chunk:
+                if member.eof:
+                    chunk = chunk.lstrip(b"\0")
+                    if not chunk:
+                        break
+                    member = zlib.decompressobj(wbits=31)
+                try:
+                    content += member.decompress(chunk)
+                except zlib.error as error:
+                    reason = f"damaged as gzip after {len(content)} bytes of content ({error}); copy the file again"
+                    raise InputError(path, "", reason) from None
+                chunk = member.unused_data
+    account.truncated |= not member.eof
+    return bytes(content)
+
+
+def _account_for_the_rest(data: npt.NDArray[np.uint8], offset: npt.NDArray[np.int64], account: Account) -> None:
+    """Account for every byte that is in no packet."""
+    last = int(offset[-1]) + layout.LENGTH
+    tail = max(last, len(data) - layout.LENGTH + 1)
+    syncs = np.flatnonzero(data[tail:] == layout.SYNC)
+    end = tail + int(syncs[0]) if len(syncs) else len(data)
+    account.truncated |= end < len(data)
+    begins = np.concatenate(([0], offset + layout.LENGTH))
+    ends = np.concatenate((offset, [end]))
+    for stretch in np.flatnonzero(ends > begins).tolist():
+        begin, size = int(begins[stretch]), int(ends[stretch] - begins[stretch])
+        reason = (
+            f"{size} bytes that are no packet (72 bytes from 0xE7 to a matching checksum): damaged or lost in "
+            "recording, or of another stream"
+        )
+        account.reject(f"byte {begin}", reason)
+
+
+def _notices(
+    data: npt.NDArray[np.uint8],
+    offset: npt.NDArray[np.int64],
+    status: npt.NDArray[np.uint8],
+    channel: npt.NDArray[np.uint8],
+) -> tuple[Notices, Notices]:
+    """Return the valid GPS minutes (status channel 0) and differences UTC - GPS in seconds (status channel 16)."""
+    holds_channel = layout.holds_channel(status)
+    minute_at = np.flatnonzero(holds_channel & (status != layout.RAW_IMU) & (channel == layout.TIME_CHANNEL))
+    minute = data[offset[minute_at, None] + np.arange(63, 67)].view("<i4")[:, 0].astype(np.int64)
+    valid = minute >= layout.FIRST_VALID_MINUTE
+    utc_at = np.flatnonzero(holds_channel & (channel == layout.UTC_CHANNEL))
+    coded = data[offset[utc_at] + 70].view(np.int8)
+    told = (coded & 1).astype(bool)
+    return Notices(minute_at[valid], minute[valid]), Notices(utc_at[told], (coded[told] >> 1).astype(np.int64))
+
+
+def _decode(
+    data: npt.NDArray[np.uint8],
+    offset: npt.NDArray[np.int64],
+    time: npt.NDArray[np.int64],
+    time_known: npt.NDArray[np.bool_],
+) -> NcomPackets:
+    if int(offset[-1] - offset[0]) == layout.LENGTH * (len(offset) - 1):
+        raw = data[offset[0] : offset[-1] + layout.LENGTH].reshape(-1, layout.LENGTH)
+    else:
+        raw = data[offset[:, None] + np.arange(layout.LENGTH)]
+    fields = raw.view(layout.PACKET)[:, 0]
+    with np.errstate(invalid="ignore"):  # A signalling NaN among damaged altitudes is just another NaN.
+        altitude = fields["altitude"].astype(np.float64)
+    return NcomPackets(
+        offset=offset,
+        time=time,
+        time_known=time_known,
+        milliseconds=fields["milliseconds"].astype(np.uint16),
+        acceleration=layout.from_int24(fields["acceleration"], layout.ACCELERATION),
+        angular_rate=layout.from_int24(fields["angular_rate"], layout.ANGULAR_RATE),
+        status=fields["status"].copy(),
+        latitude=fields["latitude"].astype(np.float64),
+        longitude=fields["longitude"].astype(np.float64),
+        altitude=altitude,
+        velocity=layout.from_int24(fields["velocity"], layout.VELOCITY),
+        orientation=layout.from_int24(fields["orientation"], layout.ORIENTATION),
+        channel=fields["channel"].copy(),
+        batch=fields["batch"].copy(),
+        checksum1=layout.checksum(raw, 22) == fields["checksum1"],
+        checksum2=layout.checksum(raw, 61) == fields["checksum2"],
+    )

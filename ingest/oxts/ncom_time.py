@@ -1,0 +1,131 @@
+"""When each NCOM packet was measured.
+
+A packet holds its milliseconds within the GPS minute; the minute itself comes now and then, in status channel 0. The
+packets are counted through by their milliseconds, and every channel 0 says where the count stands. What lies before
+the first channel 0 is stamped backwards from it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from .leap_seconds import GPS_EPOCH, gps_to_utc
+from .ncom_layout import INITIALISING, LOCKED, STATUS_ONLY
+
+MINUTE = 60_000
+REORDERED = 2_000
+"""ms; milliseconds that fall back by less are those of a packet out of order, by more those of a later minute."""
+LONG_STEP = 1.5
+"""A step between packets that is longer than the usual one by this factor may hide lost minutes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Notices:
+    """A quantity that some packets carry in their status channel.
+
+    Attributes:
+        packet: int64 (m,), numbers of those packets, increasing.
+        value: int64 (m,), GPS minutes since 1980-01-06, or UTC - GPS in seconds.
+    """
+
+    packet: npt.NDArray[np.int64]
+    value: npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Stamps:
+    """The times of a file's packets.
+
+    Attributes:
+        time: int64 (n,), ns since 1970, UTC; 0 where not known.
+        known: bool (n,); never for a packet whose navigation status says that it carries no time.
+        doubts: By number of the packet: why it has no time although its status says so, or cannot be believed.
+        utc_from: Where the difference between GPS time and UTC comes from.
+    """
+
+    time: npt.NDArray[np.int64]
+    known: npt.NDArray[np.bool_]
+    doubts: dict[int, str]
+    utc_from: Literal["status channel 16", "leap second table"]
+
+
+def stamp_packets(
+    status: npt.NDArray[np.uint8], milliseconds: npt.NDArray[np.uint16], minutes: Notices, utc_offsets: Notices
+) -> Stamps:
+    """Stamp the packets of a file.
+
+    Status-only packets have no milliseconds of their own: their minute is that of the packet before, and is not used
+    within two seconds of a change of minute. Where two channel 0 disagree with the count between them, minutes were
+    lost (or the clock was set) at the longest step between the two; if no step is long, what lies between is not
+    stamped. A channel 0 that contradicts the equal ones before and after it is not believed.
+
+    Args:
+        status: (n,) navigation status.
+        milliseconds: (n,) into the GPS minute.
+        minutes: Valid GPS minutes, of packets that carry time or are status-only.
+        utc_offsets: Valid UTC - GPS. Each holds until the next, the first one also before it; if there is none, the
+            table of leap seconds is used.
+    """
+    doubts: dict[int, str] = {}
+    carries_time = (status >= INITIALISING) & (status <= LOCKED)
+    for packet in np.flatnonzero(carries_time & (milliseconds >= MINUTE)).tolist():
+        doubts[packet] = f"{milliseconds[packet]} ms into the minute, of 0 to 59999; the packet is damaged"
+    packets = np.flatnonzero(carries_time & (milliseconds < MINUTE))
+    time = np.zeros(len(status), np.int64)
+    known = np.zeros(len(status), bool)
+    utc_from: Literal["status channel 16", "leap second table"] = (
+        "status channel 16" if len(utc_offsets.packet) else "leap second table"
+    )
+    if len(packets) == 0:
+        return Stamps(time, known, doubts, utc_from)
+
+    within = milliseconds[packets].astype(np.int64)
+    step = np.diff(within) % MINUTE
+    count = np.cumsum(np.concatenate((within[:1], np.where(step > MINUTE - REORDERED, step - MINUTE, step))))
+
+    place = np.maximum(np.searchsorted(packets, minutes.packet, "right") - 1, 0)
+    inside = (within[place] >= REORDERED) & (within[place] < MINUTE - REORDERED)
+    usable = (packets[place] == minutes.packet) | ((status[minutes.packet] == STATUS_ONLY) & inside)
+    carriers, place, minute = minutes.packet[usable], place[usable], minutes.value[usable]
+    start = minute * MINUTE - (count[place] - within[place])
+    alone = np.zeros(len(start), bool)
+    alone[1:-1] = (start[1:-1] != start[:-2]) & (start[:-2] == start[2:])
+    for packet, lone in zip(carriers[alone].tolist(), minute[alone].tolist(), strict=True):
+        doubts[packet] = f"GPS minute {lone} contradicts the packets before and after it; the packet is damaged"
+    place, start = place[~alone], start[~alone]
+    if len(start) == 0:
+        return Stamps(time, known, doubts, utc_from)
+
+    starts = start[np.maximum(np.searchsorted(place, np.arange(len(packets)), "right") - 1, 0)]
+    located = np.ones(len(packets), bool)
+    for change in np.flatnonzero(start[1:] != start[:-1]).tolist():
+        before, after = int(place[change]), int(place[change + 1])
+        steps = step[before:after]
+        if len(steps) == 0:
+            continue
+        longest = int(np.argmax(steps))
+        if len(steps) == 1 or steps[longest] > LONG_STEP * np.median(step):
+            starts[before + longest + 1 : after] = start[change + 1]
+        else:
+            located[before + 1 : after] = False
+    for packet in packets[~located].tolist():
+        doubts[packet] = (
+            "the GPS minute changed somewhere between the channel 0 before and the one after it, without a step in the "
+            "milliseconds; its minute cannot be known"
+        )
+    for packet in doubts:
+        located[np.searchsorted(packets, packet) : np.searchsorted(packets, packet, "right")] = False
+
+    gps = (count + starts) * 1_000_000
+    if len(utc_offsets.packet):
+        holding = np.maximum(np.searchsorted(utc_offsets.packet, packets, "right") - 1, 0)
+        utc = gps + GPS_EPOCH + utc_offsets.value[holding] * 1_000_000_000
+    else:
+        utc = gps_to_utc(gps)
+    time[packets[located]] = utc[located]
+    known[packets[located]] = True
+    return Stamps(time, known, doubts, utc_from)

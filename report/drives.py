@@ -1,0 +1,169 @@
+"""One recording as the report shows it: how far it went, its clock's alignment, its map."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from ..dataset.events import Event, format_stamp
+from . import figures
+from .blocks import Figure
+
+Values = NDArray[np.float64]
+
+STRETCH = 40.0
+"""s of each recording that show the alignment."""
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """What one recording's tables say, read once.
+
+    Attributes:
+        key: `driver/recording`.
+        start: ns UTC of the first row.
+        minutes: From the first row to the last.
+        driven: Time in runs, s.
+        distance: Length of the way in runs, m.
+        alignment: The car's and navigation's speed before and after alignment; None where one is missing.
+        track: Its map; None without positions.
+    """
+
+    key: str
+    start: int
+    minutes: float
+    driven: float
+    distance: float
+    alignment: Figure | None
+    track: Figure | None
+
+
+def describe(
+    key: str,
+    table: pa.Table,
+    dataset: pa.Table | None,
+    clock: Mapping[str, Any],
+    events: Sequence[Event],
+    period: float,
+    at_most: int,
+) -> Drive:
+    """Return what the report says of one recording.
+
+    Args:
+        key: `driver/recording`.
+        table: Its synced table, not empty.
+        dataset: Its dataset, whose path labels colour the map; None before there is one.
+        clock: Its CAN clock in the manifest.
+        events: Its events.
+        period: Grid period, s.
+        at_most: Points of the map.
+    """
+    time = nanoseconds(table)
+    in_run = table["run"].is_valid().to_numpy()
+    navigation = column(table, "nav_speed")
+    speed = np.where(np.isfinite(navigation), navigation, column(table, "speed"))
+    return Drive(
+        key,
+        int(time[0]),
+        float((time[-1] - time[0]) / 60e9),
+        float(in_run.sum() * period),
+        float(np.nansum(speed[in_run]) * period),
+        alignment(key, table, clock, period),
+        track(key, table, dataset, events, at_most),
+    )
+
+
+def alignment(key: str, table: pa.Table, clock: Mapping[str, Any], period: float) -> Figure | None:
+    """Show the liveliest stretch of a recording before and after its CAN clock was aligned.
+
+    The synced table holds the car's speed on UTC. What its stamps said before is the same line, moved by the offset.
+
+    Args:
+        key: The recording.
+        table: Its synced table.
+        clock: Its clock in the manifest.
+        period: Grid period, s.
+    """
+    car, navigation = column(table, "speed"), column(table, "nav_speed")
+    length = round(STRETCH / period)
+    both = np.isfinite(car) & np.isfinite(navigation)
+    begins = range(0, max(len(both) - length, 0) + 1, max(length // 4, 1))
+    whole = [begin for begin in begins if both[begin : begin + length].all() and both.any()]
+    if not whole:
+        return None
+    begin = max(whole, key=lambda begin: float(np.std(navigation[begin : begin + length])))
+    rows = slice(begin, begin + length)
+    time = nanoseconds(table)
+    seconds = (time - time[begin]) / 1e9
+    shown = (seconds[rows], navigation[rows])
+    caption = f"{key}: {STRETCH:.0f} s from {readable(int(time[begin]))}"
+    if not clock["applied"]:
+        figure = figures.alignment(*shown, car[rows], None, 0.0)
+        return Figure(f"{caption}; CAN as stamped, not aligned.", figure)
+    shift = clock["offset_s"] + 1e-6 * (clock.get("drift_ppm") or 0.0) * begin * period
+    present = np.isfinite(car)
+    before = np.interp(seconds[rows] - shift, seconds[present], car[present], left=math.nan, right=math.nan)
+    if np.isfinite(before).any():
+        return Figure(f"{caption}, before and after alignment.", figures.alignment(*shown, before, car[rows], shift))
+    figure = figures.alignment(*shown, None, car[rows], shift)
+    return Figure(f"{caption}, aligned; by its own stamps the CAN log was {shift:+,.1f} s away from here.", figure)
+
+
+def track(key: str, table: pa.Table, dataset: pa.Table | None, events: Sequence[Event], at_most: int) -> Figure | None:
+    """Draw a recording's map; `at_most` points of it are kept.
+
+    Args:
+        key: The recording.
+        table: Its synced table.
+        dataset: Its dataset, whose path labels give the colours; None before there is one.
+        events: Its events.
+        at_most: Points that are drawn.
+    """
+    time = nanoseconds(table)
+    x, y, speed, run = (column(table, name) for name in ("x", "y", "nav_speed", "run"))
+    if not np.isfinite(x).any():
+        return None
+    label = None
+    if dataset is not None:
+        label = np.full(len(time), math.nan)
+        at = np.searchsorted(time, nanoseconds(dataset))
+        label[np.minimum(at, len(time) - 1)] = column(dataset, "path_label")
+    marks = {}
+    for decision in figures.DECISIONS:
+        middles = [
+            int(np.searchsorted(time, (event.start + event.stop) // 2))
+            for event in events
+            if event.decision == decision
+        ]
+        middles = [middle for middle in middles if middle < len(time)]
+        if middles:
+            marks[decision] = (x[middles], y[middles])
+    few = figures.thin(len(time), at_most)
+    broken = np.diff(run[few], prepend=run[0]) != 0  # NaN, outside a run, differs from everything
+    thinned = np.where(broken, math.nan, x[few])
+    figure = figures.track(thinned, y[few], speed[few], None if label is None else label[few], marks)
+    every = "" if few.step == 1 else f", every {few.step}th row"
+    return Figure(f"{key}: path on equal axes from the recording's origin{every}.", figure)
+
+
+def readable(time: int) -> str:
+    """Return ns UTC as date and time of day to the millisecond."""
+    return format_stamp(time).replace("T", " ").removesuffix("Z")
+
+
+def nanoseconds(table: pa.Table) -> NDArray[np.int64]:
+    """Return the times of a stored table (n_rows,), ns UTC."""
+    time: NDArray[np.int64] = table["time"].cast(pa.int64()).to_numpy()
+    return time
+
+
+def column(table: pa.Table, name: str) -> Values:
+    """Return a column of a stored table as floats (n_rows,), NaN where it is null."""
+    values: Values = table[name].cast(pa.float64()).to_numpy(zero_copy_only=False)
+    return values

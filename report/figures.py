@@ -1,0 +1,366 @@
+"""The figures of the report: plotly figures from arrays, units on every axis, colours safe for the colour-blind."""
+
+from __future__ import annotations
+
+import html
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
+
+    from .scores import Score
+
+Values = NDArray[np.float64]
+
+BLUE, VERMILLION, GREEN, ORANGE, SKY, PURPLE, BLACK, GREY = (
+    "#0072B2", "#D55E00", "#009E73", "#E69F00", "#56B4E9", "#CC79A7", "#222222", "#8C959F",
+)  # fmt: skip
+"""Okabe and Ito's palette, without its yellow, which is too light for lines on white."""
+LINES = (BLUE, VERMILLION, GREEN, PURPLE, SKY, ORANGE)
+DECISIONS = {"proposed": ORANGE, "emergency": VERMILLION, "normal": GREEN}
+SYMBOLS = {"proposed": "diamond", "emergency": "x", "normal": "circle"}
+FONT = 'system-ui, "Segoe UI", Roboto, "Noto Sans", "Noto Sans CJK SC", sans-serif'
+
+
+def plain(name: str) -> str:
+    """Return a name so that plotly, which reads a little HTML in texts, shows it as it is."""
+    return html.escape(name, quote=False)
+
+
+def thin(length: int, at_most: int) -> slice:
+    """Return a slice that keeps every n-th of `length` samples so that at most so many remain."""
+    return slice(None, None, -(-length // at_most) or 1)
+
+
+def alignment(
+    seconds: Values, navigation: Values, before: Values | None, after: Values | None, shift: float
+) -> go.Figure:
+    """Show the car's speed against navigation's on the CAN clock and on UTC.
+
+    Args:
+        seconds: (n_samples,) time since the stretch began, s.
+        navigation: (n_samples,) navigation's speed, m/s.
+        before: (n_samples,) the car's speed at the same readings of its own clock, m/s; None where there is none.
+        after: (n_samples,) the car's speed after alignment, m/s; None where the clock was not aligned.
+        shift: CAN stamp − UTC in this stretch, s.
+    """
+    figure = _figure("time, s", "speed, km/h", height=300)
+    figure.add_scatter(x=_float32(seconds), y=_float32(3.6 * navigation), name="navigation", line=_line(BLACK, 2.5))
+    if before is not None:
+        name = f"CAN as stamped ({shift:+.3f} s)" if after is not None else "CAN as stamped"
+        line = _line(ORANGE, 2, "dot")
+        figure.add_scatter(x=_float32(seconds), y=_float32(3.6 * before), name=name.replace("-", "−"), line=line)
+    if after is not None:
+        figure.add_scatter(x=_float32(seconds), y=_float32(3.6 * after), name="CAN aligned", line=_line(BLUE, 2))
+    return figure
+
+
+@dataclass(frozen=True, slots=True)
+class Lane:
+    """One recording in the timeline of events.
+
+    Attributes:
+        name: The recording.
+        duration: Its length, min.
+        events: Start and stop (min from the recording's start), kind and decision of each event.
+    """
+
+    name: str
+    duration: float
+    events: Sequence[tuple[float, float, str, str]]
+
+
+def timeline(lanes: Sequence[Lane]) -> go.Figure:
+    """Show when events happened: one lane for each recording."""
+    figure = _figure("time since the recording's start, min", "", height=110 + 30 * len(lanes))
+    bar = {"orientation": "h", "width": 0.16, "hoverinfo": "skip", "showlegend": False}
+    figure.add_bar(y=list(range(len(lanes))), x=[lane.duration for lane in lanes], marker_color="#D5DBE1", **bar)
+    for decision, colour in DECISIONS.items():
+        found = [(number, *event) for number, lane in enumerate(lanes) for event in lane.events]
+        found = [event for event in found if event[4] == decision]
+        if not found:
+            continue
+        figure.add_bar(
+            y=[number for number, *_ in found],
+            base=[start for _, start, *_ in found],
+            x=[stop - start for _, start, stop, *_ in found],
+            marker_color=colour,
+            **(bar | {"width": 0.5}),
+        )
+        figure.add_scatter(
+            x=[(start + stop) / 2 for _, start, stop, *_ in found],
+            y=[number for number, *_ in found],
+            mode="markers",
+            marker={"color": colour, "symbol": SYMBOLS[decision], "size": 9},
+            name=decision,
+            text=[f"{plain(kind)}, {60 * (stop - start):.1f} s" for _, start, stop, kind, _ in found],
+            hovertemplate="%{text} at %{x:.1f} min<extra></extra>",
+        )
+    figure.update_layout(barmode="overlay")
+    figure.update_yaxes(
+        tickvals=list(range(len(lanes))),
+        ticktext=[_short(lane.name) for lane in lanes],
+        range=[len(lanes) - 0.4, -0.6],
+        showgrid=False,
+        zeroline=False,
+        automargin=True,
+    )
+    return figure
+
+
+def track(
+    x: Values,
+    y: Values,
+    speed: Values,
+    label: Values | None,
+    events: Mapping[str, tuple[Values, Values]],
+) -> go.Figure:
+    """Draw a recording's path on equal axes, coloured by path label or, without one, by speed.
+
+    Args:
+        x: (n_samples,) east of the origin, m; NaN where the line breaks.
+        y: (n_samples,) north of the origin, m.
+        speed: (n_samples,) m/s.
+        label: (n_samples,) path label from 1, NaN outside the dataset; None before there is a dataset.
+        events: Positions (x and y, m) within events, by decision.
+    """
+    figure = _figure("x (east), m", "y (north), m", height=420)
+    east, north = _float32(x), _float32(y)
+    if label is None:
+        figure.add_scatter(x=east, y=north, mode="markers", showlegend=False, marker=_by_speed(speed))
+    else:
+        line = _line("#C9D0D6", 1)
+        figure.add_scatter(x=east, y=north, mode="lines", name="not in dataset", line=line, hoverinfo="skip")
+        for value in np.unique(label[np.isfinite(label)]).astype(int).tolist():
+            own = label == value
+            figure.add_scatter(
+                x=east[own], y=north[own], mode="markers", name=f"label {value}",
+                marker={"size": 4, "color": LINES[(value - 1) % len(LINES)]},
+            )  # fmt: skip
+        figure.add_scatter(
+            x=east, y=north, mode="markers", name="speed", visible=False, showlegend=False, marker=_by_speed(speed)
+        )
+        _choose(
+            figure, {"path label": lambda name: name != "speed", "speed": lambda name: not name.startswith("label")}
+        )
+    for decision, (event_x, event_y) in events.items():
+        figure.add_scatter(
+            x=_float32(event_x), y=_float32(event_y), mode="markers", name=f"event: {decision}",
+            marker={
+                "size": 11, "symbol": f"{SYMBOLS[decision]}-open", "color": DECISIONS[decision], "line": {"width": 2.5},
+            },
+        )  # fmt: skip
+    figure.update_yaxes(scaleanchor="x", scaleratio=1)
+    return figure
+
+
+def _by_speed(speed: Values) -> dict[str, Any]:
+    bar = {"title": {"text": "km/h", "side": "top"}, "thickness": 12, "len": 0.8}
+    return {"size": 4, "color": _float32(3.6 * speed), "colorscale": "Cividis", "colorbar": bar}
+
+
+def _choose(figure: go.Figure, views: Mapping[str, Any]) -> None:
+    """Add buttons, one for each view: which of the traces there are so far it shows; later traces stay as they are."""
+    names = [trace.name for trace in figure.data]
+    places = list(range(len(names)))
+    buttons = [
+        {"label": label, "method": "restyle", "args": [{"visible": [bool(shows(name)) for name in names]}, places]}
+        for label, shows in views.items()
+    ]
+    figure.update_layout(
+        margin_t=44,
+        updatemenus=[
+            {
+                "type": "buttons", "direction": "right", "buttons": buttons, "showactive": True,
+                "x": 0, "xanchor": "left", "y": 1.02, "yanchor": "bottom", "pad": {"t": 0, "b": 0, "l": 0, "r": 0},
+            }
+        ],
+    )  # fmt: skip
+
+
+def lookahead(speed: Values, distance: Values, at_most: int = 2500, bin_width: float = 5.0) -> go.Figure:
+    """Scatter one driver's lookahead distance over speed, with median and quartiles of bins of speed.
+
+    Args:
+        speed: (n_samples,) m/s.
+        distance: (n_samples,) m; NaN where undefined.
+        at_most: Points that are drawn; the bins are computed from all of them.
+        bin_width: km/h.
+    """
+    defined = np.isfinite(distance) & np.isfinite(speed)
+    speed, distance = 3.6 * speed[defined], distance[defined]
+    figure = _figure("speed, km/h", "lookahead distance h, m", height=360)
+    few = thin(len(speed), at_most)
+    figure.add_scatter(
+        x=_float32(speed[few]), y=_float32(distance[few]), mode="markers", name="samples", hoverinfo="skip",
+        marker={"size": 3, "color": SKY, "opacity": 0.45},
+    )  # fmt: skip
+    bins = np.floor(speed / bin_width).astype(int)
+    filled = [number for number in np.unique(bins) if np.count_nonzero(bins == number) >= 20]
+    if filled:
+        centre = [(number + 0.5) * bin_width for number in filled]
+        low, middle, high = np.array([np.quantile(distance[bins == number], (0.25, 0.5, 0.75)) for number in filled]).T
+        quartiles = {
+            "type": "data", "symmetric": False, "array": _float32(high - middle), "arrayminus": _float32(middle - low),
+        }  # fmt: skip
+        figure.add_scatter(
+            x=centre, y=_float32(middle), mode="lines+markers", name=f"median, quartiles per {bin_width:g} km/h",
+            error_y=quartiles, line=_line(BLUE, 2), marker={"size": 7},
+        )  # fmt: skip
+    figure.update_yaxes(rangemode="tozero")
+    return figure
+
+
+def information_criterion(by_driver: Mapping[str, Sequence[Mapping[str, Any]]]) -> go.Figure:
+    """Show the Bayesian information criterion over the number of path clusters."""
+    figure = _figure("number of clusters", "BIC", height=300)
+    for number, (driver, fits) in enumerate(by_driver.items()):
+        figure.add_scatter(
+            x=[fit["clusters"] for fit in fits], y=[fit["bic"] for fit in fits], mode="lines+markers",
+            name=plain(driver), line=_line(LINES[number % len(LINES)], 2),
+        )  # fmt: skip
+    figure.update_xaxes(dtick=1)
+    return figure
+
+
+def errors_by_components(scores: Sequence[Score]) -> go.Figure:
+    """Show errors and standard deviations of one driver's lookahead models over their components (PP, Fig. 5)."""
+    from plotly.subplots import make_subplots
+
+    panels = (("mean_error", "average error, m"), ("mean_sd", "average standard deviation, m"))
+    splits = (("", "test", "solid", "circle"), ("train_", "training", "dot", "square"))
+    figure = make_subplots(cols=2, horizontal_spacing=0.11)
+    _style(figure, 420)
+    baselines = [score for score in scores if score.is_baseline]
+    models = [score for score in scores if not score.is_baseline]
+    components = [score.parameters["components"] for score in models] or [1]
+    names = list(dict.fromkeys((score.model, score.parameters.get("regressors")) for score in models))
+    for column, (what, title) in enumerate(panels, start=1):
+        where = {"row": 1, "col": column}
+        figure.update_yaxes(title_text=title, rangemode="tozero", **where)
+        figure.update_xaxes(title_text="number of components N", **where)
+        for (model, regressors), colour in zip(names, itertools.cycle(LINES), strict=False):
+            own = [s for s in models if (s.model, s.parameters.get("regressors")) == (model, regressors)]
+            name = model if regressors is None else f"{model}, n₂ = {regressors}"
+            for prefix, split, dash, symbol in splits:
+                figure.add_scatter(
+                    x=[score.parameters["components"] for score in own],
+                    y=[score.mean(prefix + what) for score in own],
+                    error_y={"type": "data", "array": [score.deviation(prefix + what) for score in own], "width": 3},
+                    mode="lines+markers",
+                    name=f"{plain(name)}: {split}",
+                    legendgroup=f"{plain(name)}: {split}",
+                    showlegend=column == 1,
+                    line=_line(colour, 2, dash),
+                    marker_symbol=symbol,
+                    **where,
+                )
+        for score, dash in zip(baselines, itertools.cycle(("dash", "dashdot", "longdash", "dot")), strict=False):
+            figure.add_scatter(
+                x=[min(components) - 0.5, max(components) + 0.5],
+                y=[score.mean(what)] * 2,
+                mode="lines",
+                name=f"baseline {plain(score.model)}: test",
+                legendgroup=f"baseline {plain(score.model)}",
+                showlegend=column == 1,
+                line=_line(GREY, 1.8, dash),
+                **where,
+            )
+    return figure
+
+
+def errors_of_models(scores: Sequence[Score]) -> go.Figure:
+    """Show the error of each of one driver's motion primitive models and baselines, and its spread over the folds."""
+    figure = _figure("average error of the steering wheel angle, °", "", height=110 + 28 * len(scores))
+    for is_baseline, name, colour, symbol in ((True, "baseline", GREY, "square"), (False, "model", BLUE, "circle")):
+        own = [score for score in scores if score.is_baseline == is_baseline]
+        if own:
+            figure.add_scatter(
+                x=[score.mean("mean_error") for score in own],
+                y=[scores.index(score) for score in own],
+                error_x={"type": "data", "array": [score.deviation("mean_error") for score in own]},
+                mode="markers",
+                name=f"{name}, mean ± sd over folds",
+                marker={"color": colour, "symbol": symbol, "size": 9},
+            )
+    figure.update_yaxes(
+        tickvals=list(range(len(scores))),
+        ticktext=[_short(score.label) for score in scores],
+        range=[len(scores) - 0.4, -0.6],
+        zeroline=False,
+        automargin=True,
+    )
+    figure.update_xaxes(rangemode="tozero")
+    return figure
+
+
+def prediction(driven_time: Values, driven: Values, time: Values, mean: Values, deviation: Values) -> go.Figure:
+    """Show a prediction with its bands against what the driver did.
+
+    Args:
+        driven_time: (n_samples,) s from the moment of prediction, the past included.
+        driven: (n_samples,) steering wheel angle, deg.
+        time: (n_steps,) s from the moment of prediction.
+        mean: (n_steps,) predicted steering wheel angle, deg.
+        deviation: (n_steps,) its standard deviation, deg.
+    """
+    figure = _figure("time from the prediction, s", "steering wheel angle, ° (positive left)", height=340)
+    around = _float32(np.concatenate([time, time[::-1]]))
+    for factor, name, colour in (
+        (1.96, "95 % band", "rgba(0,114,178,0.16)"),
+        (1.0, "68 % band", "rgba(0,114,178,0.30)"),
+    ):
+        edge = np.concatenate([mean + factor * deviation, (mean - factor * deviation)[::-1]])
+        figure.add_scatter(
+            x=around, y=_float32(edge), fill="toself", fillcolor=colour, mode="lines", line={"width": 0}, name=name,
+            hoverinfo="skip",
+        )  # fmt: skip
+    figure.add_scatter(
+        x=_float32(time), y=_float32(mean), mode="lines", name="predicted", line=_line(BLUE, 2.5, "dash")
+    )
+    figure.add_scatter(x=_float32(driven_time), y=_float32(driven), mode="lines", name="driven", line=_line(BLACK, 2))
+    figure.add_vline(x=0, line={"color": GREY, "width": 1, "dash": "dot"})
+    return figure
+
+
+def _figure(x_title: str, y_title: str, height: int) -> go.Figure:
+    import plotly.graph_objects as go
+
+    figure = go.Figure()
+    _style(figure, height)
+    figure.update_xaxes(title_text=x_title)
+    figure.update_yaxes(title_text=y_title)
+    return figure
+
+
+def _style(figure: go.Figure, height: int) -> None:
+    axis = {
+        "gridcolor": "#E6EAEE", "zerolinecolor": "#C9D0D6", "linecolor": GREY, "showline": True, "ticks": "outside",
+        "title": {"standoff": 8},
+    }  # fmt: skip
+    figure.update_layout(
+        template="none", height=height, margin={"l": 62, "r": 14, "t": 12, "b": 48}, paper_bgcolor="#fff",
+        plot_bgcolor="#fff", font={"family": FONT, "size": 13, "color": "#1b1f24"}, hovermode="closest",
+        legend={"orientation": "h", "x": 0, "xanchor": "left", "y": -0.2, "yanchor": "top"},
+    )  # fmt: skip
+    figure.update_xaxes(axis)
+    figure.update_yaxes(axis)
+
+
+def _line(colour: str, width: float, dash: str = "solid") -> dict[str, Any]:
+    return {"color": colour, "width": width, "dash": dash}
+
+
+def _short(name: str) -> str:
+    return plain(name if len(name) <= 28 else f"{name[:27]}…")
+
+
+def _float32(values: Any) -> NDArray[np.float32]:
+    """Return values as the report stores them: half the bytes, and more precise than any screen."""
+    return np.asarray(values, np.float32)

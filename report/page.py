@@ -1,0 +1,61 @@
+"""The report as one HTML file that opens offline: everything it needs is inside, and it may ask the network nothing."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+
+from ..schemas.project import Project
+from ..schemas.store import publish_text
+from .blocks import Figure, Section
+from .sections import Content
+
+
+def write_report(project: Project) -> Path:
+    """Write `report/index.html` from what the project holds; what is not there yet is said on the page.
+
+    Args:
+        project: The project; only its manifest, tables, events, results and models are read.
+
+    Returns:
+        The file. The same project and versions give the same bytes.
+
+    Raises:
+        InputError: The project file or the manifest is missing or wrong. Other wrong files are problems on the page.
+    """
+    content = Content(project)
+    publish_text(project.report_file, render(content.config.vehicle.name, content.sections()))
+    return project.report_file
+
+
+def render(title: str, sections: Sequence[Section]) -> str:
+    """Return the page; all text is escaped, and only the two scripts that are part of it may run."""
+    from jinja2 import Environment, StrictUndefined
+    from plotly.offline import get_plotlyjs
+
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters["figure_json"] = figure_json
+    folder = files(__package__)
+    scripts = [get_plotlyjs(), (folder / "page.js").read_text(encoding="utf-8")]
+    hashes = " ".join(f"'sha256-{_digest(script)}'" for script in scripts)
+    policy = (
+        f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; "
+        "base-uri 'none'; form-action 'none'"
+    )
+    template = environment.from_string((folder / "page.html").read_text(encoding="utf-8"))
+    return template.render(title=title, sections=sections, policy=policy, scripts=scripts)
+
+
+def figure_json(figure: Figure) -> str:
+    """Return a plotly figure as JSON that may stand within a script element whatever its names hold."""
+    from plotly.io import to_json
+
+    encoded: str = to_json(figure.figure, validate=False)
+    return encoded.replace("&", r"\u0026").replace("<", r"\u003c").replace(">", r"\u003e")
+
+
+def _digest(script: str) -> str:
+    return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()

@@ -1,0 +1,86 @@
+"""Segments, their features and types against plain loops and a drive divided by hand."""
+
+from __future__ import annotations
+
+import math
+from itertools import groupby
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wheelprint.dataset.segments import divide, features, path_types
+
+NAN = math.nan
+PERIOD = 100_000_000
+
+
+def test_a_drive_divided_by_hand() -> None:
+    deviation = np.array([NAN, 0.3, 0.1, 0.05, -0.05, -0.2, NAN, -0.1, -0.3, NAN, 0.0])
+    run = np.array([0, 0, 0, 0, 0, 0, 1, 1, 1, 2, 2])
+    speed = np.array([10.0, 11, 12, 20, 22, 5, 1, 2, 3, 7, 8])
+    segment, side = divide(deviation, run, 0.05)
+    assert segment.tolist() == [0, 0, 0, 1, 1, 2, 3, 3, 3, 4, 4]
+    assert side.tolist() == [1, 1, 1, 0, 0, -1, -1, -1, -1, 0, 0]
+    np.testing.assert_allclose(
+        features(deviation, speed, segment, PERIOD),
+        [[0.3, 0.2, 0.3, 11], [0.2, 0.05, 0.05, 21], [0.1, 0.2, 0.2, 5], [0.3, 0.2, 0.3, 2], [0.2, 0, 0, 7.5]],
+        rtol=1e-12,
+        atol=1e-12,
+    )
+
+
+deviations = st.one_of(st.floats(-1, 1), st.sampled_from([0.05, -0.05, 0.0]))
+drives = st.lists(st.lists(deviations, min_size=2, max_size=12), max_size=6)
+
+
+@given(drives)
+def test_equals_the_loop(drive: list[list[float]]) -> None:
+    run = np.array([number for number, part in enumerate(drive) for _ in part], dtype=np.int32)
+    deviation = np.array([value for part in drive for value in (NAN, *part[1:])])
+    speed = np.arange(len(run), dtype=float)
+
+    expected_side, expected_features, expected_run = [], [], []
+    row = 0
+    for number, part in enumerate(drive):
+        sides = ["left" if value > 0.05 else "right" if value < -0.05 else "neutral" for value in part[1:]]
+        sides = [sides[0], *sides]
+        for side, members in groupby(enumerate(sides), key=lambda pair: pair[1]):
+            places = [place for place, _ in members]
+            known = [abs(part[place]) for place in places if place > 0]
+            expected_side += [side] * len(places)
+            expected_run.append(number)
+            expected_features.append(
+                (
+                    0.1 * len(places),
+                    math.fsum(known) / len(known),
+                    max(known),
+                    math.fsum(speed[row + p] for p in places) / len(places),
+                )
+            )
+        row += len(part)
+
+    segment, side = divide(deviation, run, 0.05)
+    assert [("right", "neutral", "left")[s + 1] for s in side] == expected_side
+    if drive:
+        found = features(deviation, speed, segment, PERIOD)
+        assert found.shape == (len(expected_features), 4)
+        np.testing.assert_allclose(found, expected_features, rtol=1e-9, atol=1e-12)
+    # every segment lies within one run and one side, and neighbours within a run differ in side
+    for number in range(len(expected_features)):
+        members = segment == number
+        assert len(set(run[members])) == len(set(side[members])) == 1
+    begins = np.flatnonzero(np.diff(segment)) + 1
+    assert all(run[b] != run[b - 1] or side[b] != side[b - 1] for b in begins)
+
+
+def test_a_run_of_one_sample_has_a_segment_without_averages() -> None:
+    segment, side = divide(np.array([NAN]), np.array([0]), 0.05)
+    assert (segment.tolist(), side.tolist()) == ([0], [0])
+    np.testing.assert_array_equal(features(np.array([NAN]), np.array([3.0]), segment, PERIOD), [[0.1, NAN, NAN, 3.0]])
+
+
+def test_types_repeat_the_own_label_at_the_ends_of_a_run() -> None:
+    labels, run = np.array([2, 3, 1, 2, 2, 3]), np.array([0, 0, 0, 1, 2, 2])
+    assert path_types(labels, run) == ["2-2-3", "2-3-1", "3-1-1", "2-2-2", "2-2-3", "2-3-3"]
+    assert path_types(labels[:0], run[:0]) == []
