@@ -13,6 +13,7 @@ from .output import Report, console
 from .schemas.errors import InputError
 
 if TYPE_CHECKING:
+    from .pipeline import Pipeline
     from .schemas.project import Project
 
 
@@ -57,6 +58,20 @@ def _open(directory: Path) -> Project:
     return project
 
 
+def _through_pipeline(
+    command: str, stages: Callable[[Pipeline], None], directory: Path, workers: int, force: bool, as_json: bool
+) -> None:
+    from .pipeline import Pipeline
+
+    summary = Report(command, as_json)
+
+    def work() -> None:
+        with Pipeline(_open(directory), summary, workers, force) as pipeline:
+            stages(pipeline)
+
+    _guarded(summary, work)
+
+
 @app.command()
 def inspect(
     files: Annotated[list[Path], typer.Argument(help="Raw logs: CAN or navigation.", show_default=False)],
@@ -87,10 +102,7 @@ def convert(
     project: ProjectOption = HERE, workers: WorkersOption = 0, force: ForceOption = False, as_json: JsonOption = False
 ) -> None:
     """Decode the raw logs into signals/ and bring them to one grid in synced/."""
-    from .pipeline import Pipeline
-
-    report = Report("convert", as_json)
-    _guarded(report, lambda: Pipeline(_open(project), report, workers, force).convert())
+    _through_pipeline("convert", lambda pipeline: pipeline.convert(), project, workers, force, as_json)
 
 
 @app.command()
@@ -98,10 +110,7 @@ def build(
     project: ProjectOption = HERE, workers: WorkersOption = 0, force: ForceOption = False, as_json: JsonOption = False
 ) -> None:
     """Propose emergencies into events.csv and make the per-driver dataset without them."""
-    from .pipeline import Pipeline
-
-    report = Report("build", as_json)
-    _guarded(report, lambda: Pipeline(_open(project), report, workers, force).build())
+    _through_pipeline("build", lambda pipeline: pipeline.build(), project, workers, force, as_json)
 
 
 @app.command()
@@ -122,10 +131,7 @@ def train(
     project: ProjectOption = HERE, workers: WorkersOption = 0, force: ForceOption = False, as_json: JsonOption = False
 ) -> None:
     """Train every driver's models on all of the driver's data."""
-    from .pipeline import Pipeline
-
-    report = Report("train", as_json)
-    _guarded(report, lambda: Pipeline(_open(project), report, workers, force).train())
+    _through_pipeline("train", lambda pipeline: pipeline.train(), project, workers, force, as_json)
 
 
 @app.command()
@@ -133,19 +139,13 @@ def evaluate(
     project: ProjectOption = HERE, workers: WorkersOption = 0, force: ForceOption = False, as_json: JsonOption = False
 ) -> None:
     """Cross-validate the models and their baselines into results/."""
-    from .pipeline import Pipeline
-
-    report = Report("evaluate", as_json)
-    _guarded(report, lambda: Pipeline(_open(project), report, workers, force).evaluate())
+    _through_pipeline("evaluate", lambda pipeline: pipeline.evaluate(), project, workers, force, as_json)
 
 
 @app.command()
 def report(project: ProjectOption = HERE, as_json: JsonOption = False) -> None:
     """Write report/index.html: one file that opens offline."""
-    from .pipeline import Pipeline
-
-    summary = Report("report", as_json)
-    _guarded(summary, lambda: Pipeline(_open(project), summary, 1, force=True).report())
+    _through_pipeline("report", lambda pipeline: pipeline.report(), project, 1, True, as_json)
 
 
 @app.command()
@@ -184,10 +184,7 @@ def run(
     project: ProjectOption = HERE, workers: WorkersOption = 0, force: ForceOption = False, as_json: JsonOption = False
 ) -> None:
     """Do everything, from raw logs to the report: convert, build, train, evaluate, report."""
-    from .pipeline import Pipeline
-
-    summary = Report("run", as_json)
-    _guarded(summary, lambda: Pipeline(_open(project), summary, workers, force).run())
+    _through_pipeline("run", lambda pipeline: pipeline.run(), project, workers, force, as_json)
 
 
 @app.command()
@@ -219,16 +216,13 @@ def demo(
     as_json: JsonOption = False,
 ) -> None:
     """Simulate four drivers and do everything with their logs: the whole way in a few minutes."""
-    from .pipeline import Pipeline
     from .simulation import simulate_demo
 
-    summary = Report("demo", as_json)
-
-    def work() -> None:
-        simulate_demo(project, console(stderr=True))
-        Pipeline(_open(project), summary, workers, force).run()
-
-    _guarded(summary, work)
+    try:
+        simulate_demo(project, console(stderr=True), force=force)
+    except InputError as error:
+        _finish(Report("demo", as_json, problems=[error], failed=True))
+    _through_pipeline("demo", lambda pipeline: pipeline.run(), project, workers, force, as_json)
 
 
 def version(show: bool) -> None:

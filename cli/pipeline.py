@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from .output import Report, console
-from .runner import StageResult, available_cores, run_stage
+from .runner import StageResult, Workers, available_cores, run_stage
 from .schemas.errors import InputError
 from .schemas.store import Manifest
 
@@ -28,8 +28,14 @@ class Pipeline:
     def __init__(self, project: Project, report: Report, workers: int, force: bool) -> None:
         self._project = project
         self._report = report
-        self._workers = workers or available_cores()
+        self._workers = Workers(workers or available_cores())
         self._force = force
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._workers.__exit__(*error)
 
     def convert(self) -> None:
         """Raw logs to `signals/` and `synced/`."""
@@ -38,7 +44,7 @@ class Pipeline:
         self._stage("convert", *plan_conversion(self._project))
         rows: list[Sequence[Any]] = []
         for key, entry in self._entries("recordings").items():
-            synced = next((o for o in entry["outputs"] if o["path"].startswith("synced/")), {})
+            synced: dict[str, Any] = next((o for o in entry["outputs"] if o["path"].startswith("synced/")), {})
             frames = sum(i["accepted"] for i in entry["inputs"] if i["kind"] == "can")
             samples = sum(i["accepted"] for i in entry["inputs"] if i["kind"] == "nav")
             lost = sum(i["rejected"] for i in entry["inputs"])
@@ -99,12 +105,7 @@ class Pipeline:
 
     def _stage(self, title: str, tasks: Sequence[Task], problems: Sequence[InputError]) -> None:
         result: StageResult = run_stage(
-            title,
-            tasks,
-            Manifest(self._project.directory),
-            console(stderr=True),
-            workers=self._workers,
-            force=self._force,
+            title, tasks, Manifest(self._project.directory), self._workers, console(stderr=True), force=self._force
         )
         result.problems[:0] = problems
         self._report.stages[title] = result

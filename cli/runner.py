@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from .schemas.errors import InputError
 from .schemas.tasks import Outcome, Task
@@ -34,8 +35,47 @@ class StageResult:
     problems: list[InputError] = field(default_factory=list)
 
 
+class Workers:
+    """Where tasks run: in this process, or on a Dask cluster of local processes that starts when it is first needed.
+
+    Dask, because it repeats the tasks of a worker that was killed, where a pool of processes loses them.
+
+    Args:
+        count: Processes; 1 runs everything in this one.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self._open = ExitStack()
+        self._client: Any = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._open.close()
+
+    def run(self, tasks: Sequence[Task]) -> Iterator[tuple[Task, Outcome | InputError]]:
+        """Yield each task with what came of it, in the order in which they end."""
+        if min(self._count, len(tasks)) <= 1:
+            for task in tasks:
+                yield task, _attempt(task)
+            return
+        from distributed import Client, LocalCluster, as_completed
+
+        if self._client is None:
+            logging.getLogger("distributed").setLevel(logging.ERROR)
+            cluster = self._open.enter_context(
+                LocalCluster(n_workers=self._count, threads_per_worker=1, host="127.0.0.1", dashboard_address=None)
+            )
+            self._client = self._open.enter_context(Client(cluster))
+        futures = {self._client.submit(_attempt, task, pure=False): task for task in tasks}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+
+
 def run_stage(
-    title: str, tasks: Sequence[Task], manifest: Manifest, console: Console, *, workers: int, force: bool
+    title: str, tasks: Sequence[Task], manifest: Manifest, workers: Workers, console: Console, *, force: bool
 ) -> StageResult:
     """Run what is not current, record each outcome in the manifest as it comes, and show the progress.
 
@@ -43,8 +83,8 @@ def run_stage(
         title: What the progress bar says.
         tasks: The stage's tasks.
         manifest: Where outcomes are recorded.
+        workers: Where the tasks run.
         console: Where the progress goes; nothing is shown where it is not a terminal.
-        workers: Processes; 1 runs everything in this one.
         force: Run current tasks too.
     """
     result = StageResult()
@@ -57,10 +97,7 @@ def run_stage(
         else:
             waiting.append(task)
     with _progress(console, title, len(waiting)) as advance:
-        outcomes = (
-            _here(waiting) if min(workers, len(waiting)) <= 1 else _on_cluster(waiting, min(workers, len(waiting)))
-        )
-        for task, outcome in outcomes:
+        for task, outcome in workers.run(waiting):
             if isinstance(outcome, InputError):
                 result.failed.append(task.name)
                 result.problems.append(outcome)
@@ -80,28 +117,6 @@ def _attempt(task: Task) -> Outcome | InputError:
         return task.run(**task.arguments)
     except InputError as error:
         return error
-
-
-def _here(tasks: Sequence[Task]) -> Iterator[tuple[Task, Outcome | InputError]]:
-    for task in tasks:
-        yield task, _attempt(task)
-
-
-def _on_cluster(tasks: Sequence[Task], workers: int) -> Iterator[tuple[Task, Outcome | InputError]]:
-    import dask
-    from distributed import Client, LocalCluster, as_completed
-
-    quiet = {"logging.distributed": "error", "distributed.worker.memory.terminate": False}
-    with (
-        dask.config.set(quiet),
-        LocalCluster(
-            n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, processes=True
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        futures = {client.submit(_attempt, task, pure=False): task for task in tasks}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
 
 
 @contextmanager

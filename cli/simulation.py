@@ -10,9 +10,6 @@ from .output import Report
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from .modeling.simulation.campaign import Campaign
-    from .schemas.project import Recording
-
 
 def simulate_project(
     report: Report,
@@ -25,10 +22,10 @@ def simulate_project(
     clock_drift: float,
 ) -> None:
     """Simulate a drawn campaign into a project folder and list its recordings."""
-    from .modeling.simulation.campaign import draw_campaign
+    from .modeling.simulation.campaign import draw_campaign, simulate
 
     campaign = draw_campaign(seed, drivers, recordings, minutes, clock_offset, clock_drift)
-    simulated = _simulate(directory, campaign)
+    simulated = simulate(directory, campaign)
     sizes = [
         (recording.key, minutes, sum(file.stat().st_size for file in recording.folder.iterdir()) / 1e6)
         for recording in simulated
@@ -36,21 +33,10 @@ def simulate_project(
     report.tables.append(("Simulated", ("recording", "minutes", "raw, MB"), list(sizes)))
 
 
-def simulate_demo(directory: Path, console: Console) -> None:
-    """Write the demo's raw logs, unless they are there already.
+def simulate_demo(directory: Path, console: Console, *, force: bool) -> None:
+    """Write the demo's raw logs, unless they are there: `truth/campaign.json` is written after all logs."""
+    from .modeling.simulation.campaign import demo_campaign, simulate
 
-    They count as there when the truth, which is written last, tells of the same campaign.
-    """
-    from .modeling.simulation.campaign import demo_campaign, is_simulated
-
-    campaign = demo_campaign()
-    if is_simulated(directory, campaign):
-        return
-    with console.status("simulating four drivers"):
-        _simulate(directory, campaign)
-
-
-def _simulate(directory: Path, campaign: Campaign) -> list[Recording]:
-    from .modeling.simulation.campaign import simulate
-
-    return simulate(directory, campaign)
+    if force or not (directory / "truth" / "campaign.json").exists():
+        with console.status("simulating four drivers"):
+            simulate(directory, demo_campaign())

@@ -12,21 +12,22 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from .. import __version__
 from ..schemas.config import Config
 from ..schemas.errors import InputError
 from ..schemas.project import Project
+from ..schemas.signals import SIGNALS
 from ..schemas.store import Manifest, describe_output, fingerprint, publish_table, read_table
 from ..schemas.tables import DATASET
 from ..schemas.tasks import Outcome, Task
-from ..schemas.times import iso_utc
-from .calibration import calibrate
 from .detectors import propose_events
 from .drive import Drive, Steering, core_columns, derive
 from .events import Event, merge_proposals, read_events, write_events
 from .folds import deal_folds
-from .segments import SIDES, PathClustering, path_types
+from .path import Floats
+from .segments import SIDES, Integers, PathClustering, path_types
 
 SAMPLES_PER_FOLD = 60
 """With fewer there is nothing to test: one window of MP takes 51."""
@@ -50,7 +51,7 @@ def plan_build(project: Project, cluster: PathClustering) -> tuple[list[Task], l
     """
     config = project.config
     synced, problems = _synced_files(project)
-    steering = _calibrated(project, synced)
+    steering = _calibrate(project, synced)
     proposals: list[Event] = []
     for driver, files in synced.items():
         tables = {f"{driver}/{name}": read_table(project.directory / file) for name, (file, _) in files.items()}
@@ -59,14 +60,12 @@ def plan_build(project: Project, cluster: PathClustering) -> tuple[list[Task], l
     events = read_events(project.events_file)
     problems += _stray_events(project, events)
 
-    parameters = _parameters(config, steering)
     tasks = []
     for driver, files in synced.items():
-        own = [event for event in events if event.recording in {f"{driver}/{name}" for name in files}]
+        own = [event for event in events if event.recording.startswith(f"{driver}/")]
         made_from = {
             "version": __version__,
-            "parameters": parameters,
-            "cluster": f"{cluster.__module__}.{cluster.__qualname__}",
+            "parameters": _parameters(config, steering),
             "synced": files,
             "events": [(e.recording, e.start, e.stop, e.kind) for e in own if e.is_left_out],
         }
@@ -104,24 +103,195 @@ def build_driver(
     Raises:
         InputError: Too little ordinary driving remains.
     """
-    place = Project(project)
     drives: dict[str, Drive] = {}
     origins: dict[str, str] = {}
     excluded: Counter[str] = Counter()
     problems: list[InputError] = []
     for name, (file, _) in synced.items():
         table = read_table(project / file)
-        if reason := _unusable(table, config):
-            problems.append(InputError(project / file, ", ".join(reason), " ".join(reason.values())))
+        if empty := [column for column in core_columns(config) if table[column].null_count == len(table)]:
+            problems.append(InputError(project / file, ", ".join(empty), _how_to_fill(empty)))
+            excluded["missing"] += len(table)
             continue
-        own = [event for event in events if event.recording == f"{driver}/{name}"]
-        drive = derive(table, own, steering, config)
+        drive = derive(table, [e for e in events if e.recording == f"{driver}/{name}"], steering, config)
         excluded.update(drive.excluded)
-        if len(drive.time) == 0:
-            problems.append(InputError(project / file, "", f"no row remains: {_account(drive.excluded, config)}"))
-            continue
-        drives[name] = drive
-        origins[name] = (table.schema.metadata or {}).get(b"origin", b"null").decode()
+        if len(drive.time):
+            drives[name] = drive
+            origins[name] = (table.schema.metadata or {}).get(b"origin", b"null").decode()
+        else:
+            reason = f"no row of it is ordinary driving: {_seconds(drive.excluded, config)}"
+            problems.append(InputError(project / file, "", reason))
+    drives = dict(sorted(drives.items(), key=lambda item: (int(item[1].time[0]), item[0])))
     samples = sum(len(drive.time) for drive in drives.values())
     if samples < (needed := config.dataset.folds * SAMPLES_PER_FOLD):
-        ...
+        raise InputError(project, f"driver {driver!r}", _too_little(samples, needed, excluded, problems, config))
+
+    features = np.concatenate([drive.features for drive in drives.values()])
+    labels, means, weights, bic = _path_clusters(features, config, cluster, problems, project, driver)
+    fold = deal_folds(samples, config.dataset.folds, config.dataset.seed)
+    outputs = []
+    first_row = first_segment = 0
+    for name, drive in drives.items():
+        rows = slice(first_row, first_row := first_row + len(drive.time))
+        segments = slice(first_segment, first_segment := first_segment + len(drive.features))
+        file, digest = synced[name]
+        metadata = {
+            "driver": driver,
+            "recording": name,
+            "wheelprint": __version__,
+            "parameters": json.dumps(_parameters(config, steering), sort_keys=True),
+            "origin": origins[name],
+            "inputs": json.dumps({file: digest}, sort_keys=True),
+        }
+        path = Project(project).dataset_file(driver, name)
+        publish_table(path, _table(drive, labels[segments], fold[rows]).replace_schema_metadata(metadata))
+        outputs.append(describe_output(project, path, rows=len(drive.time), recording=name))
+    second = 1e9 / config.sync.period
+    entry = {
+        "outputs": outputs,
+        "clusters": [
+            {
+                "label": label,
+                "share": float(weight),
+                "duration_s": float(mean[0]),
+                "average_course_deviation_deg": float(mean[1]),
+                "maximum_course_deviation_deg": float(mean[2]),
+                "average_speed_m_s": float(mean[3]),
+            }
+            for label, (mean, weight) in enumerate(zip(means, weights, strict=True), start=1)
+        ],
+        "segments": len(features),
+        "bic": [{"clusters": int(count), "bic": float(value)} for count, value in bic],
+        "samples": samples,
+        "driven_s": samples / second,
+        "distance_m": sum(drive.distance for drive in drives.values()),
+        "excluded": {reason: count / second for reason, count in sorted(excluded.items())},
+    }
+    return Outcome(entry, tuple(problems))
+
+
+def _synced_files(project: Project) -> tuple[dict[str, dict[str, tuple[str, str]]], list[InputError]]:
+    """Return driver -> recording -> path and SHA-256 of the synced tables that the manifest confirms."""
+    entries = project.manifest.get("recordings", {})
+    files: dict[str, dict[str, tuple[str, str]]] = {}
+    problems: list[InputError] = []
+    for recording in project.recordings():
+        path = project.synced_file(recording.driver, recording.name)
+        relative = path.relative_to(project.directory).as_posix()
+        outputs = entries.get(recording.key, {}).get("outputs", ())
+        confirmed = next((output for output in outputs if output["path"] == relative), None)
+        of_driver = files.setdefault(recording.driver, {})
+        if confirmed is None:
+            reason = "it has no synced table and is left out of the dataset; `wheelprint convert` says why"
+            problems.append(InputError(recording.folder, "", reason))
+        elif not path.is_file() or path.stat().st_size != confirmed["bytes"]:
+            reason = "not the file that `wheelprint convert` wrote, and left out of the dataset; run it again"
+            problems.append(InputError(path, "", reason))
+        else:
+            of_driver[recording.name] = (relative, confirmed["sha256"])
+    if not any(files.values()):
+        reasons = "; ".join(map(str, problems))
+        raise InputError(
+            project.directory, "", f"no recording is converted; run `wheelprint convert` first ({reasons})"
+        )
+    return files, problems
+
+
+def _calibrate(project: Project, synced: Mapping[str, Mapping[str, tuple[str, str]]]) -> Steering:
+    """Estimate what the project file does not say of the steering, over all recordings, and tell the manifest."""
+    vehicle = project.config.vehicle
+    assert vehicle.steering_ratio != "estimate" and vehicle.steering_offset != "estimate"
+    return Steering(vehicle.steering_ratio, vehicle.steering_offset)
+
+
+def _stray_events(project: Project, events: Sequence[Event]) -> list[InputError]:
+    """Return a problem for every recording of `events.csv` that the project does not have."""
+    known = [recording.key for recording in project.recordings()]
+    problems = []
+    for name in sorted({event.recording for event in events} - set(known)):
+        near = difflib.get_close_matches(name, known, n=1)
+        hint = f"did you mean {near[0]}?" if near else "correct or remove its lines"
+        problems.append(InputError(project.events_file, name, f"the project has no such recording; {hint}"))
+    return problems
+
+
+def _parameters(config: Config, steering: Steering) -> dict[str, Any]:
+    return {
+        "sync": {"rate": config.sync.rate},
+        "vehicle": {"wheelbase": config.vehicle.wheelbase},
+        "steering": asdict(steering),
+        "dataset": config.dataset.model_dump(),
+        "lookahead": config.lookahead.model_dump(),
+        "segments": config.segments.model_dump(),
+    }
+
+
+def _path_clusters(
+    features: Floats, config: Config, cluster: PathClustering, problems: list[InputError], project: Path, driver: str
+) -> tuple[Integers, Floats, Floats, list[tuple[int, float]]]:
+    """Cluster a driver's segments, into fewer clusters than asked for where the segments do not determine so many."""
+    settings = config.segments
+    most = len(features) // SEGMENTS_PER_CLUSTER
+    clusters = settings.clusters
+    if clusters != "bic" and clusters > max(most, 1):
+        reason = (
+            f"driver {driver!r}: {clusters} clusters were asked for, but {len(features)} segments determine "
+            f"{max(most, 1)} at most ({SEGMENTS_PER_CLUSTER} segments each), which is what there are now; "
+            'ask for fewer, write "bic", or add recordings'
+        )
+        problems.append(InputError(project / "wheelprint.toml", "segments.clusters", reason))
+        clusters = max(most, 1)
+    if most == 0:
+        return np.ones(len(features), np.int64), features.mean(axis=0, keepdims=True), np.ones(1), []
+    return cluster(features, clusters, min(settings.maximum_clusters, most), config.dataset.seed)
+
+
+def _table(drive: Drive, labels: Integers, fold: NDArray[np.int16]) -> pa.Table:
+    begins = np.flatnonzero(np.diff(drive.segment, prepend=-1))
+    types = np.array(path_types(labels, drive.run[begins]))
+    sides = np.array([SIDES[side] for side in sorted(SIDES)])
+    columns: dict[str, NDArray[Any]] = {
+        "time": drive.time,
+        "run": drive.run,
+        **drive.columns,
+        "segment": drive.segment,
+        "path_side": sides[drive.side + 1],
+        "path_label": labels[drive.segment].astype(np.int16),
+        "path_type": types[drive.segment],
+        "fold": fold,
+    }
+    return pa.table([pa.array(columns[f.name], f.type, from_pandas=True) for f in DATASET], schema=DATASET)
+
+
+def _how_to_fill(empty: Sequence[str]) -> str:
+    """Say where the columns come from that a recording lacks entirely."""
+    of_car = [name for name in empty if SIGNALS[name].source == "can"]
+    of_navigation = [name for name in empty if SIGNALS[name].source == "nav"]
+    steps = []
+    if of_car:
+        mapping = ", ".join(f'{name} = "Message.Signal"' for name in of_car)
+        steps.append(f"map the car's signals in wheelprint.toml: [can.signals] {mapping}")
+    if of_navigation:
+        steps.append(f"{', '.join(of_navigation)} must come from a navigation log in the recording's folder")
+    return (
+        "nothing but nulls in this recording, which is left out of the dataset; "
+        f"{'; '.join(steps)}. `wheelprint inspect FILE` shows what a log holds"
+    )
+
+
+def _too_little(
+    samples: int, needed: int, excluded: Mapping[str, int], problems: Sequence[InputError], config: Config
+) -> str:
+    """Say what there is of a driver, what is needed and what can be done."""
+    absent = f" Left out: {_seconds(excluded, config)}." if excluded else ""
+    lost = f" Recordings without use: {'; '.join(map(str, problems))}." if problems else ""
+    return (
+        f"{samples} samples of ordinary driving, and {needed} are needed ({SAMPLES_PER_FOLD} for each of "
+        f"{config.dataset.folds} folds).{absent}{lost} Add recordings, decide about proposed events "
+        "(`wheelprint review`), or lower dataset.folds"
+    )
+
+
+def _seconds(excluded: Mapping[str, int], config: Config) -> str:
+    period = config.sync.period / 1e9
+    return ", ".join(f"{reason} {count * period:.1f} s" for reason, count in sorted(excluded.items()))

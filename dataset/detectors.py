@@ -14,7 +14,7 @@ from ..schemas.signals import SIGNALS
 from .events import Event, subtract
 from .path import Floats, begins_run
 
-SHORTEST_DRIVING = 600.0
+SHORTEST_DRIVING = 300.0
 """s; the share of emergencies in less driving than this says nothing about how somebody drives."""
 
 
@@ -60,7 +60,7 @@ def propose_events(recordings: Mapping[str, pa.Table], settings: Events, period:
     what a person decides about braking says nothing about standing.
 
     The threshold of an emergency detector rises until at most the share `rarity` of the driver's driving, counted as
-    ten minutes where it is less, lies beyond it: nobody drives in emergencies all the time.
+    five minutes where it is less, lies beyond it: nobody drives in emergencies all the time.
 
     Args:
         recordings: `driver/recording` -> synced table.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..schemas.config import Config
 from .events import Event, covered
 from .lookahead import lookahead_distance
-from .path import Floats, begins_run, course_deviation, distance
+from .path import Floats, course_deviation, distance
 from .segments import divide, features
 from .smoothing import moving_average, moving_average_of_angles
 
@@ -127,9 +127,7 @@ def derive(table: pa.Table, events: Iterable[Event], steering: Steering, config:
     road_wheel = wheel / steering.ratio
     deviation = course_deviation(course, run)
     pointing = np.where(np.isnan(heading), course, heading)
-    lookahead, spread = lookahead_distance(
-        x, y, pointing, road_wheel, run, config.vehicle.wheelbase, config.lookahead
-    )
+    lookahead, spread = lookahead_distance(x, y, pointing, road_wheel, run, config.vehicle.wheelbase, config.lookahead)
     period = config.sync.period
     segment, side = divide(deviation, run, config.segments.neutral * period / 1e8)
     return Drive(

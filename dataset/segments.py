@@ -73,6 +73,8 @@ def features(course_deviation: Floats, speed: Floats, segment: Integers, period:
         (n_segments, 4): duration in s (samples times period), average and maximum of |Δθ| in deg per sample, and
         average speed in m/s. The averages of a run of one sample, which has no Δθ, are NaN.
     """
+    if len(segment) == 0:
+        return np.empty((0, 4))
     samples = np.bincount(segment)
     amount = np.abs(course_deviation)
     known = np.bincount(segment, weights=~np.isnan(amount))

@@ -16,8 +16,7 @@ import numpy.typing as npt
 from .resample import Times, Values, resample
 
 SECOND = 1_000_000_000
-import os
-WINDOW_S = float(os.environ.get("WIN","1"))
+WINDOW_S = 1.0
 TYPICAL_DRIFT_PPM = 60.0
 """Standard deviation of a drift before anything is measured: quartz clocks keep within 100 ppm or so."""
 BLOCK_S = 10.0
@@ -29,8 +28,6 @@ HUBER = 1.345
 """Residuals beyond this many standard deviations count less; 95 % efficient where there are no outliers."""
 ITERATIONS = 30
 TOLERANCE_S = 1e-5
-import os
-SLOPE_S = float(os.environ.get('SLOPE','1'))
 
 
 class Signal(NamedTuple):

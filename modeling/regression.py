@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .estimator import Estimator, FloatArray, as_rows
-from .mixture import CHUNK_VALUES, GaussianMixture
+from .expectation_maximisation import CHUNK_VALUES, Rows
+from .mixture import GaussianMixture
 
 Indices = Sequence[int] | npt.NDArray[np.integer[Any]]
 
@@ -239,7 +240,7 @@ class MixtureRegression(Estimator):
         self._conditional_variances = np.diagonal(self.conditional_covariances_, axis1=1, axis2=2)
         self._single_output = single_output
 
-    def _component_means(self, rows: npt.NDArray[np.floating[Any]]) -> FloatArray:
+    def _component_means(self, rows: Rows) -> FloatArray:
         """Return m_k of each row (MP eq. 18), shape (k, n_samples, n_outputs)."""
         means_in, means_out = np.split(self.mixture_.means_, [self.n_features_in_], axis=1)
         return np.array(

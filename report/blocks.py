@@ -51,7 +51,6 @@ class Note:
 
     text: str
     command: str = ""
-    alert: bool = False
     kind: Literal["note"] = "note"
 
 
@@ -59,7 +58,7 @@ class Note:
 class Facts:
     """A few numbers that stand out: value with unit, and what it is."""
 
-    items: Sequence[tuple[str, str]]
+    numbers: Sequence[tuple[str, str]]
     kind: Literal["facts"] = "facts"
 
 
@@ -68,7 +67,7 @@ class Listing:
     """A list of problems: what they concern, and what is wrong."""
 
     title: str
-    items: Sequence[tuple[str, str]]
+    problems: Sequence[tuple[str, str]]
     kind: Literal["listing"] = "listing"
 
 

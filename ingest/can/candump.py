@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import zlib
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -76,7 +76,7 @@ class Candump:
     def batches(self, account: Account) -> Iterator[FrameBatch]:
         """Yield the frames in the order of the file, up to `BATCH` at a time, and count them in `account`.
 
-        Payloads have 8 columns, or 64 where one of the batch is longer. A last line without line end is a frame if it
+        Payloads have 8 columns, or 64 where the batch met a longer one. A last line without line end is a frame if it
         is a whole one (that a cut fell right behind a byte of its payload cannot be known); if it only lacks its rest
         it is rejected and the file is `truncated`. So is a gzip stream that ends early; of a damaged one everything
         before the damage is delivered.
@@ -100,6 +100,10 @@ class Candump:
         for block in self._blocks(account):
             ended = not block
             content = carry + (block or b"\n")
+            if block is None and carry.strip():
+                account.truncated = True
+                account.reject(f"line {line}", f"the file ends within this line; found {_quote(carry.strip())}")
+                content = b""
             text, position, why = np.frombuffer(content, np.uint8), 0, FULL
             while why != CUT:
                 position, line, count, known, rejections, why = scan(
@@ -127,17 +131,18 @@ class Candump:
             # Of an overlong line (nothing of candump's is) enough is kept to reject it when its end comes.
             carry = content[position:][:LONGEST_LINE]
 
-    def _blocks(self, account: Account) -> Iterator[bytes]:
-        """Yield the log's text, none of the pieces empty but the last one."""
+    def _blocks(self, account: Account) -> Iterator[bytes | None]:
+        """Yield the log's text in pieces, then nothing: `b""` at the end of the log, None where it breaks off."""
+        whole = True
         try:
             with self.path.open("rb") as file:
-                read = (
-                    _inflate(file, account) if file.peek(2)[:2] == _GZIP_MAGIC else iter(lambda: file.read(_BLOCK), b"")
-                )
-                yield from filter(None, read)
+                if file.peek(2)[:2] == _GZIP_MAGIC:
+                    whole = yield from _inflate(file, account)
+                else:
+                    yield from iter(lambda: file.read(_BLOCK), b"")
         except OSError as error:
             raise InputError(self.path, "", f"cannot be read: {error.strerror}") from None
-        yield b""
+        yield b"" if whole else None
 
 
 def _empty_batch() -> tuple[np.ndarray, ...]:
@@ -147,28 +152,29 @@ def _empty_batch() -> tuple[np.ndarray, ...]:
 
 def _quote(line: bytes) -> str:
     text = line[:80].decode("ascii", "backslashreplace")
-    return f"{text!r}" if len(line) <= 80 else f"{text!r} and {len(line) - 80} bytes more"
+    return f"{text!r}" if len(line) <= 80 else f"{text!r} and more"
 
 
-def _inflate(file: BinaryIO, account: Account) -> Iterator[bytes]:
-    """Yield the content of one or several gzip streams; damage is counted in `account` and ends it."""
+def _inflate(file: BinaryIO, account: Account) -> Generator[bytes, None, bool]:
+    """Yield the content of one or several gzip streams; count damage in `account`, and return whether there is none."""
     inflater, within, chunk = zlib.decompressobj(_GZIP), False, b""
     while chunk := chunk or file.read(_CHUNK):
         undamaged = inflater.copy()
         try:
-            yield inflater.decompress(chunk, _BLOCK)
+            text = inflater.decompress(chunk, _BLOCK)
         except zlib.error as error:
             # zlib keeps to itself what it made of the chunk before the damage: give it the chunk again, bytewise.
             pieces: list[bytes] = []
             with suppress(zlib.error):
                 pieces.extend(undamaged.decompress(chunk[k : k + 1]) for k in range(len(chunk)))
-            yield b"".join(pieces)
+            yield from filter(None, [b"".join(pieces)])
             reason = (
                 f"the gzip stream is damaged here ({error}); what stands before it was read, but gzip's checksum could "
                 "not confirm it. Copy the file again from where it was recorded"
             )
             account.reject(f"byte {file.tell() - len(chunk) + len(pieces)} of the compressed file", reason)
-            return
+            return False
+        yield from filter(None, [text])
         chunk, within = inflater.unconsumed_tail, True
         if inflater.eof:
             chunk, inflater, within = inflater.unused_data.lstrip(b"\0"), zlib.decompressobj(_GZIP), False
@@ -179,3 +185,4 @@ def _inflate(file: BinaryIO, account: Account) -> Iterator[bytes]:
             "What stands before it was read"
         )
         account.reject(f"byte {file.tell()} of the compressed file", reason)
+    return not within

@@ -95,4 +95,5 @@ def _is_selected(
 
 def byd_checksum(payloads: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
     """Return what byte 7 of BYD's messages holds: the complement of the sum of bytes 0 to 6, of (n, 8) payloads."""
-    return np.invert(payloads[:, :7].sum(axis=1, dtype=np.uint8))
+    total: npt.NDArray[np.uint8] = payloads[:, :7].sum(axis=1, dtype=np.uint8)
+    return ~total

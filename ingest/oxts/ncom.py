@@ -203,7 +203,7 @@ def _out_of_order(
         if stamp == last or (place < len(kept_stamps) and kept_stamps[place] == stamp):
             why = f"its time {iso_utc(stamp)} is that of another packet; repeated in recording, the first one is kept"
         else:
-            why = f"its time {iso_utc(stamp)} is not after the packets before it; out of order, or the clock was set"
+            why = f"its time {iso_utc(stamp)} is out of order with the packets around it; they changed places, or the clock was set"
         reasons[int(samples[number])] = why
     return reasons
 

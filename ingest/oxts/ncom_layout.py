@@ -31,14 +31,14 @@ PACKET = np.dtype(
 )
 """The packet byte by byte; a 24-bit integer is three bytes."""
 
-ACCELERATION = 1e-4
-"""m/s² per count."""
-ANGULAR_RATE = 1e-5
-"""rad/s per count."""
-VELOCITY = 1e-4
-"""m/s per count."""
-ORIENTATION = 1e-6
-"""rad per count."""
+ACCELERATION = 10_000
+"""Counts per m/s²."""
+ANGULAR_RATE = 100_000
+"""Counts per rad/s."""
+VELOCITY = 10_000
+"""Counts per m/s."""
+ORIENTATION = 1_000_000
+"""Counts per rad."""
 
 RAW_IMU, INITIALISING, LOCKING, LOCKED, STATUS_ONLY = 1, 2, 3, 4, 10
 """The navigation statuses that say something here; every other one is passed over."""
@@ -51,27 +51,28 @@ TOO_OLD = 150
 """An age (byte 6 of a status channel) from which on its content is not valid."""
 
 
-def from_int24(octets: npt.NDArray[np.uint8], scale: float) -> npt.NDArray[np.float64]:
-    """Return the values of 24-bit integers (…, 3 bytes) times `scale`, NaN where invalid."""
+def from_int24(octets: npt.NDArray[np.uint8], per_unit: int) -> npt.NDArray[np.float64]:
+    """Return the values of 24-bit integers (…, 3 bytes) of `per_unit` counts each, NaN where invalid."""
     counts = (
         octets[..., 0].astype(np.int32)
         | octets[..., 1].astype(np.int32) << 8
         | octets[..., 2].view(np.int8).astype(np.int32) << 16
     )
-    return np.where(counts == INVALID, np.nan, counts * scale)
+    return np.where(counts == INVALID, np.nan, counts / per_unit)
 
 
-def to_int24(values: npt.NDArray[np.float64], scale: float) -> npt.NDArray[np.uint8]:
-    """Return the nearest 24-bit integers (…, 3 bytes) to `values` / `scale`; NaN becomes the invalid one.
+def to_int24(values: npt.NDArray[np.float64], per_unit: int) -> npt.NDArray[np.uint8]:
+    """Return the nearest 24-bit integers (…, 3 bytes) to `values` times `per_unit`; NaN becomes the invalid one.
 
     Raises:
         ValueError: A value does not fit.
     """
     missing = np.isnan(values)
-    counts = np.rint(np.where(missing, 0.0, values) / scale)
+    counts = np.rint(np.where(missing, 0.0, values) * per_unit)
     if counts.size and np.abs(counts).max() > -INVALID - 1:
         worst = float(values.flat[np.abs(counts).argmax()])
-        raise ValueError(f"{worst} does not fit into 24 bits of {scale}; the largest is {(-INVALID - 1) * scale}")
+        largest = (-INVALID - 1) / per_unit
+        raise ValueError(f"{worst} does not fit into 24 bits of {per_unit} counts a unit; the largest is {largest}")
     counts = np.where(missing, INVALID, counts).astype("<i4")
     return counts[..., None].view(np.uint8)[..., :3]
 

@@ -81,13 +81,13 @@ def write_ncom(
     packets["altitude"] = altitude
     angles = np.array(np.broadcast_to(np.asarray(orientation, np.float64), (count, 3)))
     angles[:, 0] = np.radians(wrap_degrees(np.degrees(angles[:, 0])))
-    for name, values, scale in (
+    for name, values, per_unit in (
         ("acceleration", acceleration, layout.ACCELERATION),
         ("angular_rate", angular_rate, layout.ANGULAR_RATE),
         ("velocity", velocity, layout.VELOCITY),
         ("orientation", angles, layout.ORIENTATION),
     ):
-        packets[name] = layout.to_int24(np.asarray(values, np.float64), scale)
+        packets[name] = layout.to_int24(np.asarray(values, np.float64), per_unit)
 
     turn = np.arange(count) - leading
     packets["channel"] = np.where(

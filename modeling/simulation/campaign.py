@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from ...schemas.project import Recording
 from ...schemas.store import publish_json, publish_table, publish_text
 from ...schemas.times import iso_utc
 from .car import Car
-from .driver import Driver, Emergency, Intentions, drive, intend
+from .driver import Driver, Emergency, Intentions, Motion, drive, intend
 from .logs import DATABASE, MAPPING, SECOND, CanClock, Sensors, can_log, navigation_log
 from .road import Road, generate_road
 from .truth import PERIOD, Origin, truth_table
@@ -50,7 +50,7 @@ class Trip:
     name: str
     start: int
     minutes: float
-    clock: CanClock = CanClock()
+    clock: CanClock = field(default_factory=CanClock)
     emergencies: tuple[Emergency, ...] = ()
     can_gaps: tuple[tuple[float, float], ...] = ()
     nav_gaps: tuple[tuple[float, float], ...] = ()
@@ -74,8 +74,8 @@ class Campaign:
 
     trips: tuple[Trip, ...]
     seed: int = 0
-    car: Car = Car()
-    sensors: Sensors = Sensors()
+    car: Car = field(default_factory=Car)
+    sensors: Sensors = field(default_factory=Sensors)
 
 
 def demo_campaign(seed: int = 0) -> Campaign:
@@ -85,7 +85,7 @@ def demo_campaign(seed: int = 0) -> Campaign:
     log have a gap.
     """
     wang = Driver(
-        "王伟", lookahead_base=4.0, lookahead_time=0.55, lateral_comfort=2.6, acceleration=1.9, deceleration=2.2,
+        "王伟", lookahead_base=4.0, lookahead_time=0.55, lateral_comfort=2.4, acceleration=1.9, deceleration=2.2,
         speed_factor=1.05, steering_noise=0.7, steering_smoothing=0.08,
     )  # fmt: skip
     anna = Driver(
@@ -253,24 +253,22 @@ def simulate_recording(directory: Path, campaign: Campaign, index: int) -> dict[
     trip = campaign.trips[index]
     on_road, at_wheel, on_bus, in_navigation = np.random.default_rng([campaign.seed, index]).spawn(4)
     origin = Origin(on_road.uniform(39.88, 40.02), on_road.uniform(116.25, 116.45), 45.0)
-    duration = 60 * trip.minutes
-    road, intentions = _find_road(on_road, trip, duration, directory)
-    motion = drive(at_wheel, road, campaign.car, trip.driver, intentions, duration)
+    road, intentions, motion = _drive_somewhere((on_road, at_wheel), trip, campaign.car, directory)
     truth = truth_table(motion, road, campaign.car, trip.start, origin)
     publish_table(_truth_file(directory, trip), truth)
     folder = _raw_folder(directory, trip)
     database = load_database([DATABASE], directory)
     frames = can_log(on_bus, truth, campaign.car, campaign.sensors, trip.clock, trip.can_gaps, database)
     write_candump(folder / "can.log", [frames])
-    write_ncom(folder / "nav.ncom", **navigation_log(in_navigation, truth, campaign.sensors, origin, trip.nav_gaps))
+    navigation = navigation_log(in_navigation, truth, campaign.sensors, origin, trip.nav_gaps)
+    write_ncom(folder / "nav.ncom", **asdict(navigation))
     return {
         "driver": trip.driver.name,
         "recording": trip.name,
         "start": iso_utc(trip.start),
         "stop": iso_utc(trip.start + len(truth) * PERIOD),
         "origin": asdict(origin),
-        "clock_offset_s": trip.clock.offset,
-        "clock_drift_ppm": trip.clock.drift,
+        "clock": {"offset_s": trip.clock.offset, "drift_ppm": trip.clock.drift},
         "can_gaps": _intervals(trip.start, trip.can_gaps),
         "nav_gaps": _intervals(trip.start, trip.nav_gaps),
         "emergencies": _emergencies(truth, intentions, motion.emergency),
@@ -320,12 +318,20 @@ database = ["{DATABASE}"]
 """
 
 
-def _find_road(generator: np.random.Generator, trip: Trip, duration: float, directory: Path) -> tuple[Road, Intentions]:
+def _drive_somewhere(
+    generators: tuple[np.random.Generator, np.random.Generator], trip: Trip, car: Car, directory: Path
+) -> tuple[Road, Intentions, Motion]:
+    """Return a road on which all emergencies of a trip happen, what the driver meant to do there, and did."""
+    on_road, at_wheel = generators
+    duration = 60 * trip.minutes
     for _ in range(ROADS_TRIED):
-        road = generate_road(generator, FASTEST * duration)
-        intentions = intend(generator, road, trip.driver, trip.emergencies, duration)
-        if intentions is not None:
-            return road, intentions
+        road = generate_road(on_road, FASTEST * duration)
+        intentions = intend(on_road, road, trip.driver, trip.emergencies, duration)
+        if intentions is None:
+            continue
+        motion = drive(at_wheel, road, car, trip.driver, intentions, duration)
+        if set(range(len(trip.emergencies))) <= set(motion.emergency.tolist()):
+            return road, intentions, motion
     reason = (
         f"{trip.minutes:g} minutes on {ROADS_TRIED} roads have no room for {len(trip.emergencies)} emergencies: "
         f"{', '.join(trip.emergencies)}. Ask for fewer of them or for more minutes"

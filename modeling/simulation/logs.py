@@ -91,6 +91,31 @@ class Sensors:
 
 
 @dataclass(frozen=True, slots=True)
+class NavigationLog:
+    """What the navigation unit measures, in its own axes: north-east-down, and forward-right-down.
+
+    Attributes:
+        time: int64 (n,), ns since 1970, UTC.
+        latitude: deg (n,), WGS 84.
+        longitude: deg (n,).
+        altitude: m (n,).
+        velocity: m/s (n, 3), north, east, down.
+        orientation: rad (n, 3), heading clockwise from north, pitch, roll.
+        acceleration: m/s² (n, 3), forward, right, down, gravity included.
+        angular_rate: rad/s (n, 3), about forward, right, down.
+    """
+
+    time: npt.NDArray[np.int64]
+    latitude: FloatArray
+    longitude: FloatArray
+    altitude: FloatArray
+    velocity: FloatArray
+    orientation: FloatArray
+    acceleration: FloatArray
+    angular_rate: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
 class CanClock:
     """The clock of the CAN logger: a stamp is UTC + `offset` + `drift`·1e-6·(UTC − start of the recording) ± jitter.
 
@@ -252,8 +277,8 @@ def navigation_log(
     sensors: Sensors,
     origin: Origin,
     gaps: Sequence[tuple[float, float]],
-) -> dict[str, npt.NDArray[Any]]:
-    """Return what the navigation unit measures, in its own axes: north-east-down and forward-right-down.
+) -> NavigationLog:
+    """Return what the navigation unit measures on a drive.
 
     Args:
         generator: Source of noise.
@@ -261,11 +286,6 @@ def navigation_log(
         sensors: Their noise.
         origin: Of the drive.
         gaps: (start, duration) in s since the start of the drive: no packets.
-
-    Returns:
-        By name, for n packets: `time` ns UTC; `latitude`, `longitude` deg; `altitude` m; `velocity` (n, 3) m/s north,
-        east, down; `orientation` (n, 3) rad heading clockwise from north, pitch, roll; `acceleration` (n, 3) m/s²
-        forward, right, down, gravity included; `angular_rate` (n, 3) rad/s about the same axes: what `write_ncom` takes.
     """
     true = {name: truth[name].to_numpy() for name in truth.column_names}
     time = truth["time"].cast(pa.int64()).to_numpy()
@@ -287,15 +307,14 @@ def navigation_log(
         (true["longitudinal_acceleration"], -true["lateral_acceleration"], np.full(n, -GRAVITY)), axis=1
     )
     angular_rate = np.stack((np.zeros(n), np.zeros(n), -true["yaw_rate"]), axis=1)
-    log = {
-        "time": time,
-        "latitude": latitude,
-        "longitude": longitude,
-        "altitude": altitude + offset[:, 2],
-        "velocity": velocity + noise(sensors.velocity, 0.5),
-        "orientation": np.radians(orientation),
-        "acceleration": acceleration + generator.normal(0, sensors.nav_acceleration, (n, 3)),
-        "angular_rate": np.radians(angular_rate + generator.normal(0, sensors.nav_yaw_rate, (n, 3))),
-    }
     kept = outside(time, int(time[0]), gaps)
-    return {name: values[kept] for name, values in log.items()}
+    return NavigationLog(
+        time=time[kept],
+        latitude=latitude[kept],
+        longitude=longitude[kept],
+        altitude=(altitude + offset[:, 2])[kept],
+        velocity=(velocity + noise(sensors.velocity, 0.5))[kept],
+        orientation=np.radians(orientation)[kept],
+        acceleration=(acceleration + generator.normal(0, sensors.nav_acceleration, (n, 3)))[kept],
+        angular_rate=np.radians(angular_rate + generator.normal(0, sensors.nav_yaw_rate, (n, 3)))[kept],
+    )

@@ -112,8 +112,8 @@ def _town(layout: _Layout, generator: np.random.Generator) -> None:
 def _main_road(
     layout: _Layout, generator: np.random.Generator, limit: float, radii: tuple[float, float], straights: float
 ) -> None:
-    """Three to five gentle curves and lane changes; an overtaking is a change to the left and one back."""
-    for _ in range(generator.integers(3, 6)):
+    """Two to four gentle curves and lane changes; an overtaking is a change to the left and one back."""
+    for _ in range(generator.integers(2, 5)):
         layout.straight(generator.uniform(0.3, 1.0) * straights, limit)
         what = generator.random()
         if what < 0.6:

@@ -40,7 +40,7 @@ def test_equals_scikit_learn_from_the_same_start(n: int, d: int, k: int, regular
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.mixture import GaussianMixture as Reference
 
-    rows, start = clusters(1, n, d, k), soft_labels(2, n, k)
+    rows, start = clusters(1, n, d, k, spread=1.0), soft_labels(2, n, k)
     mixture = GaussianMixture(k, covariance_regularisation=regularisation, max_iterations=12, tolerance=0.0)
     mixture.fit(rows, initial_responsibilities=start)
     # scikit-learn takes a start as parameters: one M step written out.

@@ -1,0 +1,146 @@
+"""Windows of a driver's data: what a motion primitive is given and what it predicts (MP section II and eqs. 11 to 14).
+
+Around a row t, with n₂ past and n₃ future steps of 0.1 s, a window has these channels, each block in the order of time:
+
+    inputs   Δθ  at t − p … t + n₃     deg per sample, the path's course deviation
+             v   at t − p … t + n₃     m/s, the path's speed
+             δ   at t − n₂ … t         deg, the steering wheel angle that was seen
+    outputs  δ   at t + 1 … t + n₃     deg, the steering wheel angle that follows
+
+with p = max(n₂, 0). For n₂ = −1 no steering is seen, not even the current one, and the path from t on remains. The
+path ahead is an input because it is the reference to be tracked.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Rows = NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """A driver's dataset as arrays over its rows, recordings one after another, each in the order of time.
+
+    Attributes:
+        recording: Name of the recording (n_rows,).
+        time: ns UTC.
+        stretch: Number of the uninterrupted stretch of rows, one period apart; never falls.
+        course_deviation: deg per sample; NaN in the first row of a stretch.
+        speed: m/s.
+        steering_wheel_angle: deg.
+        lookahead: m; NaN where undefined.
+        segment: Number of the path segment among all of the driver's, rising by one from 0.
+        fold: Cross-validation group.
+    """
+
+    recording: NDArray[Any]
+    time: NDArray[np.int64]
+    stretch: NDArray[np.intp]
+    course_deviation: Floats
+    speed: Floats
+    steering_wheel_angle: Floats
+    lookahead: Floats
+    segment: NDArray[np.intp]
+    fold: NDArray[np.int64]
+
+    @classmethod
+    def from_table(cls, table: pa.Table, period: int) -> Series:
+        """Take the arrays from a driver's dataset.
+
+        Args:
+            table: Columns `recording` and those of `DATASET`, as `Project.dataset(driver)` returns them.
+            period: ns between two rows of a run.
+        """
+        column = {
+            name: table[name].to_numpy()
+            for name in (
+                "recording", "run", "segment", "fold", "course_deviation", "speed", "steering_wheel_angle", "lookahead",
+            )
+        }  # fmt: skip
+        time: NDArray[np.int64] = table["time"].cast(pa.int64()).to_numpy()
+        recording = column["recording"].astype(str)
+        new_recording = _changes(recording)
+        new_stretch = new_recording | _changes(column["run"])
+        new_stretch[1:] |= np.diff(time) != period
+        return cls(
+            recording,
+            time,
+            np.cumsum(new_stretch) - 1,
+            *(column[name].astype(np.float64) for name in ("course_deviation", "speed", "steering_wheel_angle")),
+            column["lookahead"].astype(np.float64),
+            np.cumsum(new_recording | _changes(column["segment"])) - 1,
+            column["fold"].astype(np.int64),
+        )
+
+    @property
+    def has_path_and_steering(self) -> Mask:
+        """Rows with everything a motion primitive needs."""
+        return np.isfinite(self.course_deviation) & np.isfinite(self.speed) & np.isfinite(self.steering_wheel_angle)
+
+
+@dataclass(frozen=True, slots=True)
+class Windows:
+    """Windows around rows of a series.
+
+    Attributes:
+        centres: Row t of each window (n_windows,).
+        inputs: Shape (n_windows, 2 (max(n₂, 0) + 1 + n₃) + n₂ + 1), laid out as the module says.
+        outputs: Shape (n_windows, n₃), deg.
+        current: Steering wheel angle at t (n_windows,), deg; for n₂ = −1 it is not among the inputs.
+    """
+
+    centres: Rows
+    inputs: Floats
+    outputs: Floats
+    current: Floats
+
+
+def window_centres(stretch: NDArray[np.integer[Any]], allowed: Mask, past: int, future: int) -> Rows:
+    """Return the rows t whose window t − past … t + future is whole: one stretch, and every row allowed.
+
+    Args:
+        stretch: Number of the uninterrupted stretch of every row (n_rows,), never falling.
+        allowed: Rows that a window may touch: those of the training or of one test fold, with all values there.
+        past: Steps before t, at least 0.
+        future: Steps after t, at least 0.
+    """
+    length = past + 1 + future
+    if len(stretch) < length:
+        return np.empty(0, dtype=np.intp)
+    allowed_before = np.concatenate([[0], np.cumsum(allowed)])
+    all_allowed = allowed_before[length:] - allowed_before[:-length] == length
+    one_stretch = stretch[length - 1 :] == stretch[: len(stretch) - length + 1]
+    return np.flatnonzero(all_allowed & one_stretch) + past
+
+
+def cut_windows(series: Series, centres: Rows, past_steps: int, future_steps: int) -> Windows:
+    """Cut the windows around the given rows.
+
+    Args:
+        series: The driver's data.
+        centres: Rows t, as `window_centres` returns them for at least max(`past_steps`, 0) past and `future_steps`
+            future steps.
+        past_steps: n₂ of MP, at least −1.
+        future_steps: n₃ of MP.
+    """
+    path = centres[:, None] + np.arange(-max(past_steps, 0), future_steps + 1)
+    seen = centres[:, None] + np.arange(-past_steps, 1)
+    ahead = centres[:, None] + np.arange(1, future_steps + 1)
+    steering = series.steering_wheel_angle
+    inputs = np.concatenate([series.course_deviation[path], series.speed[path], steering[seen]], axis=1)
+    return Windows(centres, inputs, steering[ahead], steering[centres])
+
+
+def _changes(values: NDArray[Any]) -> Mask:
+    """Return which values (n,) differ from the one before; the first one does."""
+    changed = np.ones(len(values), dtype=np.bool_)
+    changed[1:] = values[1:] != values[:-1]
+    return changed

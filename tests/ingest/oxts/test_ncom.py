@@ -1,0 +1,708 @@
+"""NCOM: every byte accounted for, every packet stamped, every status obeyed.
+
+Packets are built here with `struct` from the description of the format, not with the writer that is tested with it.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+import pickle
+import re
+import struct
+from collections.abc import Iterable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wheelprint.ingest.account import Account
+from wheelprint.ingest.oxts.ncom import Ncom
+from wheelprint.ingest.oxts.ncom_packets import NcomPackets
+from wheelprint.ingest.oxts.ncom_writer import write_ncom
+from wheelprint.schemas.errors import InputError
+from wheelprint.schemas.tables import NAVIGATION
+
+MINUTE = 23_000_000
+"""A GPS minute of 2023-09-29."""
+GARBAGE = re.compile(
+    r"(\d+) bytes that are no packet \(72 bytes from 0xE7 to a matching checksum\): damaged or lost in recording, "
+    r"or of another stream"
+)
+
+
+def int24(value: float | None, scale: float) -> bytes:
+    return (-(1 << 23) if value is None else round(value / scale)).to_bytes(3, "little", signed=True)
+
+
+def packet(
+    milliseconds: int,
+    *,
+    status: int = 4,
+    channel: int = 7,
+    batch: bytes = bytes(8),
+    acceleration: tuple[float | None, ...] = (0.1, 0.2, -9.8),
+    rates: tuple[float | None, ...] = (0.01, 0.02, 0.03),
+    position: tuple[float, float, float] = (0.84, 0.2, 500.0),
+    velocity: tuple[float | None, ...] = (3.0, 4.0, 0.0),
+    angles: tuple[float | None, ...] = (0.5, 0.0, 0.0),
+) -> bytes:
+    body = struct.pack("<H", milliseconds)
+    body += b"".join(int24(value, 1e-4) for value in acceleration) + b"".join(int24(value, 1e-5) for value in rates)
+    body += bytes([status])
+    body += bytes([sum(body) & 0xFF])
+    body += struct.pack("<ddf", *position)
+    body += b"".join(int24(value, 1e-4) for value in velocity) + b"".join(int24(value, 1e-6) for value in angles)
+    body += bytes([sum(body) & 0xFF])
+    body += bytes([channel]) + batch
+    return b"\xe7" + body + bytes([sum(body) & 0xFF])
+
+
+def minute_batch(minute: int) -> bytes:
+    return struct.pack("<i4B", minute, 12, 6, 6, 6)
+
+
+def clock(milliseconds: int, minute: int = MINUTE, **fields: Any) -> bytes:
+    """A packet that tells the minute."""
+    return packet(milliseconds, channel=0, batch=minute_batch(minute), **fields)
+
+
+def utc(milliseconds: int, seconds: int = -18, valid: int = 1, **fields: Any) -> bytes:
+    """A packet that tells UTC - GPS."""
+    return packet(milliseconds, channel=16, batch=bytes(7) + struct.pack("<b", seconds << 1 | valid), **fields)
+
+
+def accuracy(milliseconds: int, north: int, east: int, age: int = 0, **fields: Any) -> bytes:
+    """A packet that tells the position accuracy, mm."""
+    return packet(milliseconds, channel=3, batch=struct.pack("<3HBB", north, east, 9, age, 0), **fields)
+
+
+def stamp(minute: int, milliseconds: int, offset: int = -18) -> int:
+    return (minute * 60_000 + milliseconds) * 1_000_000 + (315_964_800 + offset) * 1_000_000_000
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    return tmp_path / "nav.ncom"
+
+
+def read_packets(path: Path) -> tuple[list[NcomPackets], Account]:
+    account = Account()
+    return list(Ncom(path).packets(account)), account
+
+
+def read_samples(path: Path, packets: Iterable[bytes] | None = None) -> tuple[pa.Table, Account]:
+    if packets is not None:
+        path.write_bytes(b"".join(packets))
+    account = Account()
+    batches = list(Ncom(path).batches(account))
+    return pa.Table.from_batches(batches, NAVIGATION if not batches else batches[0].schema), account
+
+
+def times(table: pa.Table) -> list[int]:
+    return table["time"].cast(pa.int64()).to_pylist()
+
+
+def walk(content: bytes) -> list[int]:
+    """Find the packets one byte after another."""
+    offsets, place = [], 0
+    while place + 72 <= len(content):
+        body = content[place : place + 72]
+        if body[0] == 0xE7 and sum(body[1:71]) % 256 == body[71]:
+            offsets.append(place)
+            place += 72
+        else:
+            place += 1
+    return offsets
+
+
+class TestPackets:
+    def test_every_field_is_what_was_packed(self, log: Path) -> None:
+        first = packet(
+            59_999, status=3, channel=200, batch=bytes(range(8)), acceleration=(-838.8607, 0.0001, 838.8607),
+            rates=(-1.5, 0.0, 2.25), position=(-1.2, 3.1, -12.5), velocity=(1.0, -2.0, 0.5), angles=(3.14, -0.1, 0.2),
+        )  # fmt: skip
+        log.write_bytes(first + clock(1, acceleration=(None, 1.0, None), rates=(None,) * 3, velocity=(None,) * 3))
+        (packets,), account = read_packets(log)
+        assert account == Account(accepted=2)
+        assert len(packets) == 2
+        assert packets.offset.tolist() == [0, 72]
+        assert packets.milliseconds.tolist() == [59_999, 1]
+        assert packets.acceleration[0].tolist() == [-838.8607, 0.0001, 838.8607]
+        assert packets.angular_rate[0].tolist() == [-1.5, 0.0, 2.25]
+        assert packets.status.tolist() == [3, 4]
+        assert (packets.latitude[0], packets.longitude[0], packets.altitude[0]) == (-1.2, 3.1, -12.5)
+        assert packets.velocity[0].tolist() == [1.0, -2.0, 0.5]
+        assert packets.orientation[0].tolist() == [3.14, -0.1, 0.2]
+        assert packets.channel.tolist() == [200, 0]
+        assert packets.batch[0].tolist() == list(range(8))
+        assert packets.checksum1.all()
+        assert packets.checksum2.all()
+        assert packets.time.tolist() == [stamp(MINUTE - 1, 59_999), stamp(MINUTE, 1)]
+        assert packets.time_known.all()
+        assert np.isnan(packets.acceleration[1]).tolist() == [True, False, True]
+        assert np.isnan(packets.angular_rate[1]).all()
+        assert np.isnan(packets.velocity[1]).all()
+
+    def test_only_the_last_checksum_decides(self, log: Path) -> None:
+        damaged = bytearray(clock(10))
+        damaged[22] ^= 1
+        damaged[71] = sum(damaged[1:71]) & 0xFF
+        log.write_bytes(bytes(damaged) + clock(20))
+        (packets,), account = read_packets(log)
+        assert account == Account(accepted=2)
+        assert packets.checksum1.tolist() == [False, True]
+        assert packets.checksum2.tolist() == [False, True]
+        assert len(read_samples(log)[0]) == 2
+
+    @given(
+        pieces=st.lists(st.one_of(st.just(b""), st.binary(max_size=90)), min_size=2, max_size=12),
+        cut=st.integers(0, 71),
+        seed=st.integers(0, 2**32 - 1),
+    )
+    def test_every_byte_is_accounted_for(
+        self, tmp_path_factory: pytest.TempPathFactory, pieces: list[bytes], cut: int, seed: int
+    ) -> None:
+        path = tmp_path_factory.mktemp("garbage") / "nav.ncom"
+        random = np.random.default_rng(seed)
+        content = b""
+        for number, garbage in enumerate(pieces):
+            content += garbage + (clock(100 * number) if random.random() < 0.7 else packet(100 * number))
+        content += clock(50_000)
+        content = content[: len(content) - cut]
+        path.write_bytes(content)
+        batches, account = read_packets(path)
+        assert np.concatenate([batch.offset for batch in batches]).tolist() == walk(content)
+        assert account.accepted == len(walk(content))
+        matches = [(where, GARBAGE.fullmatch(reason)) for where, reason in account.rejections]
+        garbage_bytes = sum(int(match[1]) for _, match in matches if match)
+        assert account.rejected == len(matches)
+        assert all(matches)
+        rest = len(content) - 72 * account.accepted - garbage_bytes
+        assert 0 <= rest < 72
+        assert account.truncated == (rest > 0)
+        if cut:
+            assert account.truncated
+            assert content[len(content) - rest] == 0xE7
+        covered = set().union(*(range(o, o + 72) for o in walk(content)))
+        for where, match in matches:
+            assert match is not None
+            begin = int(where.removeprefix("byte "))
+            assert not covered & set(range(begin, begin + int(match[1])))
+
+    def test_a_damaged_packet_and_a_cut_tail_are_named(self, log: Path) -> None:
+        damaged = bytearray(packet(20))
+        damaged[30] ^= 0xFF
+        log.write_bytes(b"$GP" + clock(10) + bytes(damaged) + clock(30) + clock(40)[:71])
+        batches, account = read_packets(log)
+        assert [batch.offset.tolist() for batch in batches] == [[3, 147]]
+        explanation = "that are no packet (72 bytes from 0xE7 to a matching checksum): damaged or lost in recording, "
+        assert account == Account(
+            accepted=2,
+            rejected=2,
+            truncated=True,
+            rejections=[
+                ("byte 0", f"3 bytes {explanation}or of another stream"),
+                ("byte 75", f"72 bytes {explanation}or of another stream"),
+            ],
+        )
+
+    def test_batches_do_not_depend_on_their_size(self, log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        random = np.random.default_rng(3)
+        content = [packet(10)]
+        for number in range(2, 200):
+            kind = random.integers(0, 6)
+            make = (clock, utc, packet, packet, packet, packet)[kind]
+            content.append(make(number * 10, status=int(random.choice([2, 3, 4, 4, 4, 10]))))
+            if random.random() < 0.1:
+                content.append(accuracy(number * 10 + 5, int(random.integers(1, 99)), 4, age=int(random.integers(200))))
+            if random.random() < 0.1:
+                content.append(bytes(int(random.integers(1, 9))))
+        whole, account = read_samples(log, content)
+        assert whole["position_accuracy"].null_count not in (0, len(whole))
+        monkeypatch.setattr("wheelprint.ingest.oxts.ncom_packets.BATCH", 7)
+        small_account = Account()
+        batches = list(Ncom(log).batches(small_account))
+        assert len(batches) > 20
+        assert all(batch.schema.equals(batches[0].schema, check_metadata=True) for batch in batches)
+        assert pa.Table.from_batches(batches).equals(whole, check_metadata=True)
+        assert small_account == account
+
+
+class TestFile:
+    def test_gzip_is_read_like_the_plain_file(self, log: Path, tmp_path: Path) -> None:
+        content = [clock(10 * number) for number in range(1000)]
+        plain, _ = read_samples(log, content)
+        packed = tmp_path / "nav.ncom.gz"
+        halves = gzip.compress(b"".join(content[:600])) + gzip.compress(b"".join(content[600:])) + bytes(10)
+        packed.write_bytes(halves)
+        table, account = read_samples(packed)
+        assert table.equals(plain, check_metadata=True)
+        assert account == Account(accepted=1000)
+
+    def test_what_is_left_of_a_cut_gzip_is_read(self, tmp_path: Path) -> None:
+        random = np.random.default_rng(5)
+        content = [clock(10 * n, velocity=tuple(random.normal(size=3))) for n in range(1000)]
+        packed = gzip.compress(b"".join(content))
+        path = tmp_path / "nav.ncom.gz"
+        path.write_bytes(packed[: len(packed) // 2])
+        table, account = read_samples(path)
+        assert 300 < len(table) < 700
+        assert account == Account(accepted=len(table), truncated=True)
+
+    def test_a_damaged_gzip_is_an_error(self, tmp_path: Path) -> None:
+        packed = bytearray(gzip.compress(clock(10) * 10))
+        packed[-6] ^= 0xFF
+        path = tmp_path / "nav.ncom.gz"
+        path.write_bytes(packed)
+        with pytest.raises(InputError) as caught:
+            read_packets(path)
+        assert str(caught.value) == (
+            f"{path}: damaged as gzip after 0 bytes of content (Error -3 while decompressing data: incorrect data "
+            "check); copy the file again"
+        )
+
+    def test_what_holds_no_packet_is_an_error(self, log: Path) -> None:
+        log.write_bytes(b"(1.0) can0 123#00\n" * 10)
+        with pytest.raises(InputError) as caught:
+            read_packets(log)
+        assert str(caught.value) == (
+            f"{log}: holds no NCOM packet in 180 bytes; one is 72 bytes from 0xE7 to a matching checksum. "
+            "It may be of another format: export the unit's recording as NCOM"
+        )
+
+    def test_an_empty_and_a_missing_file_are_errors(self, log: Path) -> None:
+        with pytest.raises(InputError) as caught:
+            read_packets(log)
+        assert str(caught.value) == f"{log}: no such file; check the path, or whether the disk is mounted"
+        log.write_bytes(b"")
+        with pytest.raises(InputError) as caught:
+            read_packets(log)
+        assert (
+            str(caught.value)
+            == f"{log}: the file is empty; the unit may have been switched off before it wrote anything"
+        )
+        with pytest.raises(InputError) as caught:
+            read_packets(log.parent)
+        assert str(caught.value) == f"{log.parent}: cannot be read: Is a directory"
+
+    def test_the_reader_pickles(self, log: Path) -> None:
+        reader = pickle.loads(pickle.dumps(Ncom(log)))  # noqa: S301 - our own bytes
+        assert reader == Ncom(log)
+        assert (reader.format, reader.kind) == ("ncom", "nav")
+
+    @pytest.mark.parametrize(
+        ("head", "expected"),
+        [
+            (clock(10) + clock(20), True),
+            (clock(10), True),
+            (b"\xe7 not" + clock(10) + clock(20)[:50], False),
+            (b"\xe7 not yet" * 20 + clock(10) + clock(20), True),
+            (b"", False),
+            (clock(10)[:71], False),
+            (b"".join(clock(n) + struct.pack("<Q", n) for n in range(10)), False),
+            (b"(1436509052.249713) vcan0 044#2A366C2BBA\n" * 1000, False),
+            (np.random.default_rng(0).bytes(65_536), False),
+        ],
+        ids=["two", "one", "one-after-garbage", "late", "empty", "cut", "xcom", "candump", "noise"],
+    )
+    def test_sniff(self, head: bytes, *, expected: bool) -> None:
+        assert Ncom.sniff(head) is expected
+
+
+class TestTime:
+    def test_packets_before_the_first_minute_are_stamped_backwards(self, log: Path) -> None:
+        table, account = read_samples(log, [packet(59_980), packet(59_990), packet(0), clock(10), packet(20)])
+        expected = [stamp(MINUTE - 1, 59_980), stamp(MINUTE - 1, 59_990)]
+        assert times(table) == expected + [stamp(MINUTE, ms) for ms in (0, 10, 20)]
+        assert account == Account(accepted=5)
+
+    @given(
+        start=st.integers(0, 7 * 24 * 3600 * 1000),
+        period=st.sampled_from([1, 4, 5, 10, 50, 100, 1000]),
+        packets=st.integers(2, 400),
+        every=st.integers(1, 60),
+        lost=st.sets(st.integers(0, 399)),
+        swapped=st.lists(st.integers(0, 398), max_size=10),
+    )
+    def test_every_packet_has_its_own_time(  # noqa: PLR0917 - one for each way in which a stream varies
+        self,
+        tmp_path_factory: pytest.TempPathFactory,
+        start: int,
+        period: int,
+        packets: int,
+        every: int,
+        lost: set[int],
+        swapped: list[int],
+    ) -> None:
+        """Minutes and weeks roll over, packets are lost and change places, the minute comes seldom or late."""
+        truth = [MINUTE * 60_000 + start + number * period for number in range(packets)]
+        stream = [
+            clock(gps % 60_000, gps // 60_000) if number % every == every - 1 else packet(gps % 60_000)
+            for number, gps in enumerate(truth)
+        ]
+        order = list(range(packets))
+        if period < 1000:
+            for place in swapped:
+                if place + 1 < packets:
+                    order[place], order[place + 1] = order[place + 1], order[place]
+        order = [number for number in order if number not in lost] or [0]
+        # No more than 58 s may be lost at once, or nobody can tell how many minutes they were.
+        path = tmp_path_factory.mktemp("time") / "nav.ncom"
+        path.write_bytes(b"".join(stream[number] for number in order))
+        (found,), account = read_packets(path)
+        assert account == Account(accepted=len(order))
+        longest = max((abs(truth[b] - truth[a]) for a, b in zip(order, order[1:], strict=False)), default=0)
+        if longest <= 58_000 and any(number % every == every - 1 for number in order):
+            assert found.time_known.all()
+            assert found.time.tolist() == [stamp(0, truth[number]) for number in order]
+
+    def test_a_reordered_packet_does_not_add_a_minute(self, log: Path) -> None:
+        order = [clock(59_980), packet(59_990), packet(10), packet(0), packet(59_995), packet(20), packet(30)]
+        log.write_bytes(b"".join(order))
+        (found,), _ = read_packets(log)
+        expected = [(0, 59_980), (0, 59_990), (1, 10), (1, 0), (0, 59_995), (1, 20), (1, 30)]
+        assert found.time.tolist() == [stamp(MINUTE + minute, ms) for minute, ms in expected]
+
+    def test_weeks_roll_over(self, log: Path) -> None:
+        last = 10_080 * 2300 - 1
+        table, _ = read_samples(log, [clock(59_990, last), packet(0), clock(10, last + 1)])
+        assert times(table) == [stamp(last, 59_990), stamp(last + 1, 0), stamp(last + 1, 10)]
+        assert datetime.fromtimestamp(times(table)[1] / 1e9, UTC).isoformat() == "2024-02-03T23:59:42+00:00"
+
+    @pytest.mark.parametrize("lost", [60_030, 125_000, 3_600_000 + 17])
+    def test_after_a_long_gap_the_next_minute_counts_backwards(self, log: Path, lost: int) -> None:
+        truth = [30_000 + 10 * number + (lost if number >= 15 else 0) for number in range(30)]
+        stream = [
+            clock(ms % 60_000, MINUTE + ms // 60_000) if number in {10, 20} else packet(ms % 60_000)
+            for number, ms in enumerate(truth)
+        ]
+        table, account = read_samples(log, stream)
+        assert times(table) == [stamp(MINUTE, ms) for ms in truth]
+        assert account == Account(accepted=30)
+
+    def test_where_lost_minutes_leave_no_trace_nothing_is_guessed(self, log: Path) -> None:
+        stream = [packet(0), clock(10), packet(20), packet(30), clock(40, MINUTE + 7), packet(50)]
+        table, account = read_samples(log, stream)
+        assert times(table) == [stamp(MINUTE, 0), stamp(MINUTE, 10), stamp(MINUTE + 7, 40), stamp(MINUTE + 7, 50)]
+        reason = (
+            "the GPS minute changed somewhere between the channel 0 before and the one after it, without a step in the "
+            "milliseconds; its minute cannot be known"
+        )
+        rejections = [("byte 144", reason), ("byte 216", reason)]
+        assert account == Account(accepted=4, rejected=2, rejections=rejections)
+
+    def test_a_minute_that_contradicts_its_neighbours_is_not_believed(self, log: Path) -> None:
+        table, account = read_samples(log, [clock(10), packet(20), clock(30, 9_999_999), packet(40), clock(50)])
+        assert times(table) == [stamp(MINUTE, ms) for ms in (10, 20, 40, 50)]
+        reason = "GPS minute 9999999 contradicts the packets before and after it; the packet is damaged"
+        assert account == Account(accepted=4, rejected=1, rejections=[("byte 144", reason)])
+
+    def test_impossible_milliseconds_are_rejected(self, log: Path) -> None:
+        table, account = read_samples(log, [clock(10), packet(60_000), packet(30)])
+        assert times(table) == [stamp(MINUTE, 10), stamp(MINUTE, 30)]
+        reason = "60000 ms into the minute, of 0 to 59999; the packet is damaged"
+        assert account == Account(accepted=2, rejected=1, rejections=[("byte 72", reason)])
+
+    def test_a_unit_that_does_not_know_the_minute_yet(self, log: Path) -> None:
+        table, _ = read_samples(log, [clock(10, 999), clock(20, -1), packet(30), clock(40, 1000)])
+        assert times(table) == [stamp(1000, ms, offset=0) for ms in (10, 20, 30, 40)]
+
+    def test_a_status_only_packet_tells_the_minute_of_the_packet_before(self, log: Path) -> None:
+        table, account = read_samples(log, [packet(30_000), clock(77, status=10), packet(30_020)])
+        assert times(table) == [stamp(MINUTE, 30_000), stamp(MINUTE, 30_020)]
+        assert account == Account(accepted=3)
+        with pytest.raises(InputError):
+            read_samples(log, [packet(59_990), clock(77, status=10), packet(20)])
+
+    def test_no_minute_at_all_is_an_error(self, log: Path) -> None:
+        with pytest.raises(InputError) as caught:
+            read_samples(log, [packet(10), clock(20, 999), clock(30, status=5)])
+        assert str(caught.value) == (
+            f"{log}: the time of its 3 packets cannot be known: none tells the GPS minute (status channel 0 with at "
+            "least 1000 minutes). The unit had no GNSS time while this was recorded, or its output leaves that channel "
+            "out; record with reception and all status channels"
+        )
+        (found,), _ = read_packets(log)
+        assert not found.time_known.any()
+
+    def test_no_packet_with_time_is_an_error(self, log: Path) -> None:
+        with pytest.raises(InputError) as caught:
+            read_samples(log, [packet(10, status=0), clock(20, status=1), packet(30, status=1)])
+        assert str(caught.value) == (
+            f"{log}: none of its 3 packets carries time: their navigation status is 0, 1, and only 2, 3 and 4 do. "
+            "The unit was not initialised while this was recorded; wait for that before driving"
+        )
+
+    def test_utc_comes_from_channel_16_where_it_is_valid(self, log: Path) -> None:
+        stream = [clock(10), utc(20, -3, valid=0), utc(30, -17), packet(40), utc(50, -18), packet(2000)]
+        table, _ = read_samples(log, stream)
+        expected = [(10, -17), (20, -17), (30, -17), (40, -17), (2000, -18)]
+        assert times(table) == [stamp(MINUTE, ms, offset) for ms, offset in expected]
+        assert table.schema.metadata[b"utc_from"] == b"status channel 16"
+
+    @pytest.mark.parametrize(("minute", "offset"), [(15_669_160, -15), (19_454_399, -17), (23_000_000, -18)])
+    def test_utc_comes_from_the_table_where_channel_16_is_silent(self, log: Path, minute: int, offset: int) -> None:
+        table, account = read_samples(log, [clock(10, minute), utc(20, -1, valid=0)])
+        assert times(table) == [stamp(minute, 10, offset), stamp(minute, 20, offset)]
+        assert table.schema.metadata[b"utc_from"] == b"leap second table"
+        assert account.rejected == 0
+
+    def test_beyond_the_table_it_is_said(self, log: Path) -> None:
+        later = 25_000_000
+        table, account = read_samples(log, [clock(10, later)])
+        assert times(table) == [stamp(later, 10)]
+        reason = (
+            "the log never tells UTC from GPS time (status channel 16), and the table of leap seconds ends on "
+            "2027-06-28: its times may be a second off. Update Wheelprint"
+        )
+        assert account == Account(accepted=1, rejected=1, rejections=[("", reason)])
+        assert read_samples(log, [clock(10, later), utc(20)])[1] == Account(accepted=2)
+
+
+class TestOrder:
+    def test_repeated_packets_are_rejected(self, log: Path) -> None:
+        table, account = read_samples(log, [clock(10), packet(20), packet(20, velocity=(9.0, 9.0, 9.0)), packet(30)])
+        assert times(table) == [stamp(MINUTE, ms) for ms in (10, 20, 30)]
+        assert table["nav_speed"].to_pylist() == [5.0, 5.0, 5.0]
+        reason = (
+            "its time 2023-09-29T05:19:42.020Z is that of another packet; repeated in recording, the first one is kept"
+        )
+        assert account == Account(accepted=3, rejected=1, rejections=[("byte 144", reason)])
+
+    def test_packets_out_of_order_are_rejected(self, log: Path) -> None:
+        table, account = read_samples(log, [clock(10), packet(30), packet(20), packet(40), packet(15), packet(50)])
+        assert times(table) == [stamp(MINUTE, ms) for ms in (10, 20, 40, 50)]
+        explanation = "is out of order with the packets around it; they changed places, or the clock was set"
+        assert account == Account(
+            accepted=4,
+            rejected=2,
+            rejections=[
+                ("byte 72", f"its time 2023-09-29T05:19:42.030Z {explanation}"),
+                ("byte 288", f"its time 2023-09-29T05:19:42.015Z {explanation}"),
+            ],
+        )
+
+    def test_one_packet_from_the_future_does_not_hide_the_rest(self, log: Path) -> None:
+        stream = [clock(10), packet(20), packet(20_000), *(clock(ms) for ms in range(30, 1000, 10))]
+        table, account = read_samples(log, stream)
+        assert times(table) == [stamp(MINUTE, ms) for ms in range(10, 1000, 10)]
+        assert (account.accepted, account.rejected) == (99, 1)
+
+
+class TestSamples:
+    @pytest.mark.parametrize("status", [0, 1, 5, 6, 7, 8, 10, 11, 20, 21, 22, 255])
+    def test_other_statuses_give_no_sample(self, log: Path, status: int) -> None:
+        table, account = read_samples(log, [clock(10), packet(20, status=status), packet(30)])
+        assert times(table) == [stamp(MINUTE, 10), stamp(MINUTE, 30)]
+        assert account == Account(accepted=3)
+
+    @pytest.mark.parametrize("status", [0, 5, 6, 7, 11, 20, 255])
+    def test_what_is_ignored_tells_neither_time_nor_accuracy(self, log: Path, status: int) -> None:
+        stream = [
+            clock(10), accuracy(20, 3, 4), clock(25, 7_000_000, status=status), utc(30, -1, status=status),
+            accuracy(40, 90, 90, status=status), packet(50),
+        ]  # fmt: skip
+        table, account = read_samples(log, stream)
+        assert times(table) == [stamp(MINUTE, ms) for ms in (10, 20, 50)]
+        assert table["position_accuracy"].to_pylist() == [None, 0.005, 0.005]
+        assert account == Account(accepted=6)
+
+    def test_initialising_gives_inertial_values_alone(self, log: Path) -> None:
+        wild = (1e308, float("nan"), float("inf"))
+        table, account = read_samples(log, [clock(10, status=2, position=wild), packet(20)])
+        assert account == Account(accepted=2)
+        present = {name for name in table.column_names if table[name][0].is_valid}
+        assert present == {
+            "time", "nav_yaw_rate", "nav_longitudinal_acceleration", "nav_lateral_acceleration", "nav_status",
+        }  # fmt: skip
+        assert table["nav_status"].to_pylist() == [2, 4]
+        # The origin is the first valid position.
+        assert (table["x"][1].as_py(), table["y"][1].as_py()) == (0.0, 0.0)
+
+    def test_axes_and_units(self, log: Path) -> None:
+        fields: dict[str, Any] = {
+            "acceleration": (1.5, 0.5, -9.8), "rates": (0.1, 0.2, 0.25), "velocity": (3.0, -4.0, 1.0),
+            "angles": (np.pi / 2 + 0.1, 0.02, -0.03), "position": (0.84, 0.2, 500.0),
+        }  # fmt: skip
+        table, _ = read_samples(
+            log, [clock(10, **fields), packet(20, **{**fields, "position": (0.840001, 0.2, 500.0)})]
+        )
+        (row,) = table.slice(0, 1).to_pylist()
+        heading = round((np.pi / 2 + 0.1) * 1e6) / 1e6
+        assert row["latitude"] == pytest.approx(np.degrees(0.84), rel=1e-15)
+        assert row["longitude"] == pytest.approx(np.degrees(0.2), rel=1e-15)
+        assert row["altitude"] == 500.0
+        assert row["course"] == pytest.approx(143.13010235415598, abs=1e-12)
+        assert row["heading"] == pytest.approx(90 - np.degrees(heading), abs=1e-12)
+        assert row["nav_speed"] == 5.0
+        assert row["nav_yaw_rate"] == pytest.approx(-np.degrees(0.25), rel=1e-14)
+        assert row["nav_longitudinal_acceleration"] == pytest.approx(1.5 - 9.80665 * np.sin(0.02), rel=1e-12)
+        lateral = -(0.5 + 9.80665 * np.cos(0.02) * np.sin(-0.03))
+        assert row["nav_lateral_acceleration"] == pytest.approx(lateral, rel=1e-12)
+        assert row["position_accuracy"] is None
+        assert row["nav_status"] == 4
+        origin = json.loads(table.schema.metadata[b"origin"])
+        assert origin == {"latitude": row["latitude"], "longitude": row["longitude"], "altitude": 500.0}
+        assert table["x"].to_pylist() == [0.0, pytest.approx(0.0, abs=1e-9)]
+        # A microradian to the north at this latitude is 6.37 m.
+        assert table["y"].to_pylist() == [0.0, pytest.approx(6.372, abs=1e-3)]
+        assert table.schema.equals(NAVIGATION)
+
+    def test_invalid_fields_become_null(self, log: Path) -> None:
+        fields: dict[str, Any] = {
+            "acceleration": (None, 0.0, -9.8),
+            "velocity": (None, 1.0, 0.0),
+            "angles": (0.1, None, 0.2),
+        }
+        table, _ = read_samples(log, [clock(10, rates=(0.0, 0.0, None), **fields)])
+        (row,) = table.to_pylist()
+        missing = {name for name, value in row.items() if value is None}
+        assert missing == {
+            "course", "nav_speed", "nav_yaw_rate", "nav_longitudinal_acceleration", "position_accuracy",
+        }  # fmt: skip
+        # Without pitch gravity is not removed.
+        assert row["nav_lateral_acceleration"] == 0.0
+
+    def test_a_log_without_any_position_has_no_origin(self, log: Path) -> None:
+        table, account = read_samples(log, [clock(10, status=2), packet(20, status=2)])
+        assert account == Account(accepted=2)
+        assert json.loads(table.schema.metadata[b"origin"]) is None
+        assert table["x"].null_count == 2
+
+    @pytest.mark.parametrize(
+        ("position", "found"),
+        [
+            ((1.6, 0.2, 0.0), "latitude 1.6 rad, longitude 0.2 rad, altitude 0 m"),
+            ((0.8, -3.2, 0.0), "latitude 0.8 rad, longitude -3.2 rad, altitude 0 m"),
+            ((0.8, 0.2, 1e30), "latitude 0.8 rad, longitude 0.2 rad, altitude 1.00000002e+30 m"),
+            ((float("nan"), 0.2, 0.0), "latitude nan rad, longitude 0.2 rad, altitude 0 m"),
+        ],
+    )
+    def test_positions_nowhere_on_earth_are_rejected(
+        self, log: Path, position: tuple[float, float, float], found: str
+    ) -> None:
+        table, account = read_samples(log, [clock(10, position=position), packet(20)])
+        assert times(table) == [stamp(MINUTE, 20)]
+        reason = f"{found} is nowhere on earth; the packet is damaged"
+        assert account == Account(accepted=1, rejected=1, rejections=[("byte 0", reason)])
+
+    def test_position_accuracy_is_held_until_the_next(self, log: Path) -> None:
+        stream = [
+            clock(10), accuracy(20, 30, 40), packet(30), accuracy(40, 6, 8, age=149), packet(50),
+            accuracy(60, 6, 8, age=150), packet(70), accuracy(80, 5, 12, status=10), packet(90),
+        ]  # fmt: skip
+        table, _ = read_samples(log, stream)
+        assert table["position_accuracy"].to_pylist() == pytest.approx(
+            [None, 0.05, 0.05, 0.01, 0.01, None, None, 0.013], abs=1e-15
+        )
+
+
+@st.composite
+def drives(draw: st.DrawFn) -> dict[str, Any]:
+    count = draw(st.integers(1, 60))
+    random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    start = int(
+        np.datetime64(draw(st.sampled_from(["2009-10-21", "2016-12-30T23:59:50", "2024-02-29T12:00"])), "ns").astype(
+            np.int64
+        )
+    )
+    return {
+        "time": start + np.cumsum(random.integers(1, 3000, count)) * 1_000_000,
+        "latitude": random.uniform(-89, 89, count),
+        "longitude": random.uniform(-180, 180, count),
+        "altitude": random.uniform(-100, 4000, count),
+        "velocity": random.uniform(-60, 60, (count, 3)),
+        "orientation": random.uniform(-1, 1, (count, 3)) * (np.pi, 0.5, 0.5),
+        "acceleration": random.uniform(-20, 20, (count, 3)),
+        "angular_rate": random.uniform(-2, 2, (count, 3)),
+        "status": random.choice([2, 3, 4], count),
+        "position_accuracy": np.where(random.random(count) < 0.2, np.nan, random.uniform(0, 20, count)),
+        "leading": draw(st.integers(0, count - 1)),
+    }
+
+
+class TestWriter:
+    @given(drive=drives())
+    def test_what_is_written_is_read(self, tmp_path_factory: pytest.TempPathFactory, drive: dict[str, Any]) -> None:
+        path = tmp_path_factory.mktemp("written") / "nav.ncom"
+        count = len(drive["time"])
+        assert write_ncom(path, **drive) == count
+        assert path.stat().st_size == 72 * count
+        (found,), account = read_packets(path)
+        assert account == Account(accepted=count)
+        assert found.checksum1.all()
+        assert found.checksum2.all()
+        assert found.time_known.all()
+        assert found.time.tolist() == drive["time"].tolist()
+        assert found.status.tolist() == drive["status"].tolist()
+        for name, quantum in (
+            ("acceleration", 1e-4),
+            ("angular_rate", 1e-5),
+            ("velocity", 1e-4),
+            ("orientation", 1e-6),
+        ):
+            assert np.abs(getattr(found, name) - drive[name]).max() <= 0.5001 * quantum
+        assert np.abs(np.degrees(found.latitude) - drive["latitude"]).max() < 1e-13
+        assert np.abs(np.degrees(found.longitude) - drive["longitude"]).max() < 1e-13
+        assert np.abs(found.altitude - drive["altitude"]).max() < 2e-4
+        leading = drive["leading"]
+        assert 0 not in found.channel[:leading]
+        assert found.channel[leading:].tolist() == [(0, 3, 4, 5, 16)[n % 5] for n in range(count - leading)]
+
+        table, account = read_samples(path)
+        assert account == Account(accepted=count)
+        held: float | None = None
+        for number, (row, channel) in enumerate(zip(table.to_pylist(), found.channel, strict=True)):
+            if channel == 3:
+                told = drive["position_accuracy"][number]
+                held = None if np.isnan(told) else told
+            assert row["position_accuracy"] == pytest.approx(held, abs=0.8e-3)
+
+    def test_missing_values_are_invalid(self, log: Path) -> None:
+        missing = np.full(3, np.nan)
+        count = write_ncom(
+            log, time=np.arange(2) * 10**7 + 1_700_000_000_000_000_000, latitude=48.0, longitude=11.0, altitude=500.0,
+            velocity=missing, orientation=missing, acceleration=(0.0, 0.0, -9.8), angular_rate=missing,
+        )  # fmt: skip
+        assert count == 2
+        (found,), _ = read_packets(log)
+        assert np.isnan(found.velocity).all()
+        assert np.isnan(found.orientation).all()
+        assert np.isnan(found.angular_rate).all()
+        assert found.acceleration.tolist() == [[0.0, 0.0, -9.8]] * 2
+
+    def test_stamps_are_rounded_to_milliseconds(self, log: Path) -> None:
+        stamps = np.array([1_700_000_000_000_499_999, 1_700_000_000_000_500_000, 1_700_000_000_059_999_999], np.int64)
+        write_ncom(
+            log, time=stamps, latitude=0.0, longitude=0.0, altitude=0.0, velocity=(0.0, 0.0, 0.0),
+            orientation=(0.0, 0.0, 0.0), acceleration=(0.0, 0.0, -9.8), angular_rate=(0.0, 0.0, 0.0),
+        )  # fmt: skip
+        (found,), _ = read_packets(log)
+        assert (found.time - 1_700_000_000_000_000_000).tolist() == [0, 1_000_000, 60_000_000]
+
+    def test_headings_beyond_half_a_turn_are_wrapped(self, log: Path) -> None:
+        headings = np.array([0.0, 3.0, 4.0, 6.2, 20.0])
+        write_ncom(
+            log, time=np.arange(5) * 10**7 + 1_700_000_000_000_000_000, latitude=0.0, longitude=0.0, altitude=0.0,
+            velocity=(0.0, 0.0, 0.0), orientation=np.stack([headings, 0 * headings, 0 * headings], axis=1),
+            acceleration=(0.0, 0.0, -9.8), angular_rate=(0.0, 0.0, 0.0),
+        )  # fmt: skip
+        (found,), _ = read_packets(log)
+        expected = [0.0, 3.0, 4.0 - 2 * np.pi, 6.2 - 2 * np.pi, 20.0 - 6 * np.pi]
+        assert found.orientation[:, 0].tolist() == pytest.approx(expected, abs=1e-6)
+
+    def test_a_value_too_large_is_an_error(self, log: Path) -> None:
+        message = "-900.0 does not fit into 24 bits of 10000 counts a unit; the largest is 838.8607"
+        with pytest.raises(ValueError, match=re.escape(message)):
+            write_ncom(
+                log, time=np.array([1_700_000_000_000_000_000]), latitude=0.0, longitude=0.0, altitude=0.0,
+                velocity=(0.0, -900.0, 0.0), orientation=(0.0, 0.0, 0.0), acceleration=(0.0, 0.0, -9.8),
+                angular_rate=(0.0, 0.0, 0.0),
+            )  # fmt: skip
+        assert not list(log.parent.iterdir())
