@@ -164,8 +164,8 @@ def refine(signals: Sequence[Signal], grid_time: Times, shift_s: float, period: 
     """Refine a shift, and estimate the drift, in ``first(t) = scale·second(t - shift - gain·share) + bias``.
 
     `share` runs from 0 to 1 over the grid; scale and bias are free for each signal, and the bias vanishes in the
-    changes. The gain has a prior of 0 ± 60 ppm. The covariance is the sandwich over blocks of ten seconds, so that it
-    holds for residuals that hang together within a block.
+    changes. The gain has a prior of 0 ± 60 ppm. The covariance is the jackknife over blocks of ten seconds, so that it
+    holds for residuals that hang together within a block, and where few blocks tell it all.
 
     Args:
         signals: What is compared.
@@ -196,17 +196,19 @@ def refine(signals: Sequence[Signal], grid_time: Times, shift_s: float, period: 
         if converged or abs(shift_s - start_s) > 2 * WINDOW_S:
             break
 
-    pull, grip, scores = np.zeros(block[-1] + 1), np.zeros(block[-1] + 1), np.zeros((block[-1] + 1, n))
+    scores, shares = np.zeros((block[-1] + 1, n)), np.zeros((block[-1] + 1, n, n))
     for k, term in enumerate(terms):
-        at = block[term.rows]
-        for column, place in enumerate([0, 1, 2 + k]):
-            np.add.at(scores[:, place], at, term.design[:, column] * term.weight * term.residual)
-        np.add.at(pull, at, term.design[:, 0] * term.weight * term.residual)
-        np.add.at(grip, at, term.weight * term.design[:, 0] ** 2)
-    blocks = int(np.count_nonzero(grip))
+        columns, at = [0, 1, 2 + k], block[term.rows, None]
+        weighted = term.design * term.weight[:, None]
+        np.add.at(scores, (at, columns), weighted * term.residual[:, None])
+        outer = weighted[:, :, None] * term.design[:, None, :]
+        np.add.at(shares, (at[:, :, None], np.array(columns)[:, None], columns), outer)
+    # What the parameters would be without one block; a share of 1e-9 keeps this finite where one block tells it all.
+    ridge = 1e-9 * np.diag(np.diag(normal))
+    without = np.linalg.solve(normal + ridge - shares, scores[:, :, None])[:, :, 0]
     inverse = np.linalg.inv(normal)
-    meat = scores.T @ scores * blocks / max(blocks - n, 1) + prior
-    covariance = (inverse @ meat @ inverse)[:2, :2]
+    covariance = (without.T @ without + inverse @ prior @ inverse)[:2, :2]
+    pull, grip = scores[:, 0], shares[:, 0, 0]
     ends = np.array([[1.0, 0.0], [1.0, 1.0]])
     alone = {
         signal.name: shift_s + float(np.linalg.lstsq(normals[k] + prior, gradients[k], rcond=None)[0][0])

@@ -56,6 +56,11 @@ class Run:
 
 
 def parameters_of(weights: npt.ArrayLike, means: npt.ArrayLike, covariances: npt.ArrayLike) -> Parameters:
+    """Return checked parameters of given arrays (k,), (k, d) and (k, d, d), the weights divided by their sum.
+
+    Raises:
+        ValueError: The shapes do not belong together, a weight is not positive or a covariance not positive definite.
+    """
     weights, means, covariances = (np.array(values, dtype=np.float64) for values in (weights, means, covariances))
     if means.ndim != 2 or weights.shape != means.shape[:1] or covariances.shape != (*means.shape, means.shape[1]):
         raise ValueError(
@@ -64,9 +69,7 @@ def parameters_of(weights: npt.ArrayLike, means: npt.ArrayLike, covariances: npt
         )
     if not (weights > 0).all():
         raise ValueError(f"weights must be positive, found {weights.min()}")
-    singular = [
-        str(component) for component in range(len(weights)) if not _is_positive_definite(covariances[component])
-    ]
+    singular = [str(number) for number, covariance in enumerate(covariances) if not _is_positive_definite(covariance)]
     if singular:
         raise ValueError(f"the covariance of component {', '.join(singular)} is not positive definite")
     return factorise(weights, means, covariances)
@@ -82,6 +85,7 @@ def factorise(weights: FloatArray, means: FloatArray, covariances: FloatArray) -
 
 
 def chunks(rows: Rows, components: int = 1) -> Iterator[slice]:
+    """Yield slices over the rows so small that neither they nor their values by component exceed `CHUNK_VALUES`."""
     n, d = rows.shape
     step = max(CHUNK_VALUES // max(d, components), 64)
     for start in range(0, n, step):
@@ -132,7 +136,15 @@ def log_joint(rows: Rows, parameters: Parameters) -> tuple[FloatArray, list[Floa
 
 
 def maximise(rows: Rows, start: Parameters, ridge: FloatArray, max_iterations: int, tolerance: float) -> Run:
-    """Run EM."""
+    """Run EM from `start` until the mean log-likelihood of a row rises by less than `tolerance`.
+
+    Args:
+        rows: Shape (n, d).
+        start: Where to start.
+        ridge: Added to each covariance's diagonal, shape (d,).
+        max_iterations: Most M steps.
+        tolerance: In nats.
+    """
     parameters, statistics = start, _pass(rows, start)
     log_likelihoods = [statistics.log_likelihood]
     for _ in range(max_iterations):
@@ -176,14 +188,15 @@ def _pass(rows: Rows, parameters: Parameters) -> Statistics:
 def _update(parameters: Parameters, statistics: Statistics, ridge: FloatArray) -> tuple[Parameters, int]:
     """Return the M step's parameters and the number of components dropped on the way.
 
-    Only the smallest of several small components goes at a time: the rows it leaves may be what the others need.
+    Of several components with fewer rows than a covariance needs only the smallest goes at a time: what it leaves may
+    be what the others lack.
     """
     k, d = parameters.means.shape
-    kept = list(range(k))
+    kept = statistics.counts >= 1
     if k > 1 and statistics.counts.min() < d + 1:
-        kept.remove(int(statistics.counts.argmin()))
+        kept[statistics.counts.argmin()] = False
     found: list[tuple[float, FloatArray, FloatArray]] = []
-    for component in kept:
+    for component in np.flatnonzero(kept):
         count, factor = statistics.counts[component], parameters.factors[component]
         shift = statistics.first[component] / count
         lower = np.tril(statistics.second[component])
@@ -220,7 +233,7 @@ def moments_of(rows: Rows, responsibilities: Rows, ridge: FloatArray) -> Paramet
 
 
 def k_means(rows: Rows, k: int, generator: np.random.Generator, iterations: int = 30) -> npt.NDArray[np.intp]:
-    """Return the labels of k-means: a k-means++ start, then Lloyd's steps until they settle."""
+    """Return the labels of k-means from 0, shape (n,): a k-means++ start, then Lloyd's steps until they settle."""
     rows = rows - rows.mean(axis=0)
     squares = np.einsum("ij,ij->i", rows, rows)
     centres = rows[[generator.integers(len(rows))]]

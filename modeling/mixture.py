@@ -130,7 +130,7 @@ class GaussianMixture(Estimator):
             ValueError: A setting, shape or value is not usable; there are fewer rows than components; or, without
                 regularisation, no component keeps a positive definite covariance.
         """
-        from threadpoolctl import threadpool_limits
+        from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no types
 
         self._check_settings()
         rows = as_rows(X, "X")

@@ -17,7 +17,7 @@ from .blocks import Figure
 
 Values = NDArray[np.float64]
 
-STRETCH = 40.0
+STRETCH = 20.0
 """s of each recording that show the alignment."""
 
 
@@ -29,6 +29,7 @@ class Drive:
         key: `driver/recording`.
         start: ns UTC of the first row.
         minutes: From the first row to the last.
+        synced: Rows times period, s.
         driven: Time in runs, s.
         distance: Length of the way in runs, m.
         alignment: The car's and navigation's speed before and after alignment; None where one is missing.
@@ -38,6 +39,7 @@ class Drive:
     key: str
     start: int
     minutes: float
+    synced: float
     driven: float
     distance: float
     alignment: Figure | None
@@ -72,6 +74,7 @@ def describe(
         key,
         int(time[0]),
         float((time[-1] - time[0]) / 60e9),
+        len(table) * period,
         float(in_run.sum() * period),
         float(np.nansum(speed[in_run]) * period),
         alignment(key, table, clock, period),
@@ -148,7 +151,7 @@ def track(key: str, table: pa.Table, dataset: pa.Table | None, events: Sequence[
     broken = np.diff(run[few], prepend=run[0]) != 0  # NaN, outside a run, differs from everything
     thinned = np.where(broken, math.nan, x[few])
     figure = figures.track(thinned, y[few], speed[few], None if label is None else label[few], marks)
-    every = "" if few.step == 1 else f", every {few.step}th row"
+    every = "" if few.step == 1 else f", one row in {few.step}"
     return Figure(f"{key}: path on equal axes from the recording's origin{every}.", figure)
 
 

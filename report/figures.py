@@ -102,7 +102,7 @@ def timeline(lanes: Sequence[Lane]) -> go.Figure:
             text=[f"{plain(kind)}, {60 * (stop - start):.1f} s" for _, start, stop, kind, _ in found],
             hovertemplate="%{text} at %{x:.1f} min<extra></extra>",
         )
-    figure.update_layout(barmode="overlay")
+    figure.update_layout(barmode="overlay", legend={"y": 1.02, "yanchor": "bottom"})
     figure.update_yaxes(
         tickvals=list(range(len(lanes))),
         ticktext=[_short(lane.name) for lane in lanes],
@@ -342,7 +342,7 @@ def _figure(x_title: str, y_title: str, height: int) -> go.Figure:
 def _style(figure: go.Figure, height: int) -> None:
     axis = {
         "gridcolor": "#E6EAEE", "zerolinecolor": "#C9D0D6", "linecolor": GREY, "showline": True, "ticks": "outside",
-        "title": {"standoff": 8},
+        "title": {"standoff": 8, "font": {"size": 13}},
     }  # fmt: skip
     figure.update_layout(
         template="none", height=height, margin={"l": 62, "r": 14, "t": 12, "b": 48}, paper_bgcolor="#fff",

@@ -41,7 +41,7 @@ def render(title: str, sections: Sequence[Section]) -> str:
     from plotly.offline import get_plotlyjs
 
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters |= {"figure_json": figure_json, "source_hash": source_hash}
+    environment.filters |= {"figure_json": figure_json, "prose": prose, "source_hash": source_hash}
     template = environment.from_string((files(__package__) / "page.html").read_text(encoding="utf-8"))
     return template.render(title=title, sections=sections, plotly=get_plotlyjs())
 
@@ -52,6 +52,17 @@ def figure_json(figure: Figure) -> str:
 
     encoded: str = to_json(figure.figure, validate=False)
     return encoded.replace("&", r"\u0026").replace("<", r"\u003c").replace(">", r"\u003e")
+
+
+def prose(text: str) -> Markup:
+    """Return a sentence, escaped, with what stands between backticks as code."""
+    from markupsafe import Markup
+
+    parts = text.split("`")
+    whole = len(parts) % 2 == 1
+    return Markup().join(  # It escapes what is not Markup.
+        Markup("<code>{}</code>").format(part) if whole and number % 2 else part for number, part in enumerate(parts)
+    )
 
 
 def source_hash(script: str) -> Markup:

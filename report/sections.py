@@ -52,12 +52,12 @@ class Content:
         rest = [
             Section("recordings", "Recordings", self._recordings()),
             Section("alignment", "Time alignment", self._alignment()),
-            Section("events", "Events and what was left out", self._events()),
+            Section("events", "Events", self._events()),
             Section("maps", "Maps", self._maps()),
-            Section("lookahead", "Lookahead distance", self._lookahead()),
-            Section("clusters", "Path clusters", self._clusters()),
-            Section("errors", "Errors of the models", self._errors()),
-            Section("prediction", "A predicted stretch", self._predictions()),
+            Section("lookahead", "Lookahead", self._lookahead()),
+            Section("clusters", "Clusters", self._clusters()),
+            Section("errors", "Model errors", self._errors()),
+            Section("prediction", "Prediction", self._predictions()),
             Section("provenance", "Provenance", self._provenance()),
         ]
         return [Section("summary", "Summary", self._summary()), *rest]
@@ -184,7 +184,7 @@ class Content:
             recorded: dict[str, float] = {}
             for drive in self.drives:
                 driver = drive.key.partition("/")[0]
-                recorded[driver] = recorded.get(driver, 0.0) + drive.driven
+                recorded[driver] = recorded.get(driver, 0.0) + drive.synced
             blocks.append(tables.excluded_table(self.manifest, recorded))
         return blocks
 

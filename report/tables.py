@@ -132,17 +132,28 @@ def excluded_table(manifest: Mapping[str, Any], recorded: Mapping[str, float]) -
     """
     rows = []
     for driver, entry in entries(manifest, "dataset"):
-        whole = recorded.get(driver, math.nan) or math.nan
-        kept = entry.get("driven_s")
-        shares = [("in the dataset", kept), *((f"left out: {kind}", s) for kind, s in entry["excluded"].items())]
-        for position, (what, seconds) in enumerate(shares):
-            percent = number(None if seconds is None else 100 * seconds / whole, 1)
-            rows.append([text(driver if position == 0 else " "), text(what), number(seconds, 1), percent])
+        whole = recorded.get(driver, math.nan)
+        parts = [("in the dataset", entry["driven_s"])]
+        parts += [(f"left out: {kind}", seconds) for kind, seconds in entry["excluded"].items()]
+        parts += [("sum", math.fsum(seconds for _, seconds in parts)), ("synced", whole)]
+        for position, (what, seconds) in enumerate(parts):
+            rows.append(
+                [
+                    text(driver if position == 0 else " "),
+                    text(what),
+                    number(seconds, 1),
+                    number(100 * seconds / whole if whole else None, 1),
+                ]
+            )
     columns = [
         Column("Driver", numeric=False), Column("What", numeric=False), Column("Time", "s"),
         Column("Share of synced time", "%"),
     ]  # fmt: skip
-    return Table("What was left out of the dataset and why; kinds may overlap.", columns, rows)
+    caption = (
+        "What is in the dataset, what was left out and why; every synced row counts once. “gap”: outside of runs; "
+        "“missing”: a signal that the dataset needs; “single”: a row alone between others left out."
+    )
+    return Table(caption, columns, rows)
 
 
 def cluster_table(manifest: Mapping[str, Any]) -> Table:

@@ -201,10 +201,10 @@ def _out_of_order(
         stamp = int(stamps[number])
         place = int(np.searchsorted(kept_stamps, stamp))
         if stamp == last or (place < len(kept_stamps) and kept_stamps[place] == stamp):
-            why = f"its time {iso_utc(stamp)} is that of another packet; repeated in recording, the first one is kept"
+            why = "is that of another packet; repeated in recording, the first one is kept"
         else:
-            why = f"its time {iso_utc(stamp)} is out of order with the packets around it; they changed places, or the clock was set"
-        reasons[int(samples[number])] = why
+            why = "is out of order with the packets around it; they changed places, or the clock was set"
+        reasons[int(samples[number])] = f"its time {iso_utc(stamp)} {why}"
     return reasons
 
 

@@ -154,8 +154,8 @@ def draw_campaign(
         generator = np.random.default_rng([seed, d])
         driver = Driver(
             f"driver{d + 1:02d}",
-            lookahead_base=generator.uniform(3, 8),
-            lookahead_time=generator.uniform(0.45, 0.95),
+            lookahead_base=generator.uniform(3, 7),
+            lookahead_time=generator.uniform(0.45, 0.9),
             lookahead_maximum=generator.uniform(20, 32),
             lateral_comfort=generator.uniform(1.7, 2.7),
             acceleration=generator.uniform(1.2, 1.9),

@@ -434,9 +434,9 @@ def test_gzip_with_a_wrong_checksum_says_so(tmp_path: Path) -> None:
         (
             f"byte {len(compressed) - 5} of the compressed file",
             (
-                "the gzip stream is damaged here (Error -3 while decompressing data: incorrect data check); what "
-                "before it was read, but gzip's checksum could not confirm it. Copy the file again from where it was "
-                "recorded"
+                "the gzip stream is damaged here (Error -3 while decompressing data: incorrect data check); "
+                "what stands before it was read, but gzip's checksum could not confirm it. "
+                "Copy the file again from where it was recorded"
             ),
         )
     ]

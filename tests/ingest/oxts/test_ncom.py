@@ -12,6 +12,7 @@ import re
 import struct
 from collections.abc import Iterable
 from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -105,7 +106,8 @@ def read_samples(path: Path, packets: Iterable[bytes] | None = None) -> tuple[pa
 
 
 def times(table: pa.Table) -> list[int]:
-    return table["time"].cast(pa.int64()).to_pylist()
+    stamps: list[int] = table["time"].cast(pa.int64()).to_pylist()
+    return stamps
 
 
 def walk(content: bytes) -> list[int]:
@@ -330,7 +332,7 @@ class TestTime:
         lost=st.sets(st.integers(0, 399)),
         swapped=st.lists(st.integers(0, 398), max_size=10),
     )
-    def test_every_packet_has_its_own_time(  # noqa: PLR0917 - one for each way in which a stream varies
+    def test_every_packet_has_its_own_time(
         self,
         tmp_path_factory: pytest.TempPathFactory,
         start: int,
@@ -357,7 +359,7 @@ class TestTime:
         path.write_bytes(b"".join(stream[number] for number in order))
         (found,), account = read_packets(path)
         assert account == Account(accepted=len(order))
-        longest = max((abs(truth[b] - truth[a]) for a, b in zip(order, order[1:], strict=False)), default=0)
+        longest = max((abs(truth[b] - truth[a]) for a, b in pairwise(order)), default=0)
         if longest <= 58_000 and any(number % every == every - 1 for number in order):
             assert found.time_known.all()
             assert found.time.tolist() == [stamp(0, truth[number]) for number in order]

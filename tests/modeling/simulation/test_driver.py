@@ -120,8 +120,8 @@ def test_driving_looks_like_driving(seed: int) -> None:
     assert np.abs(np.degrees(motion.road_wheel_speed[quiet]) * 15.7).max() < 300
     straight = quiet & ~standing & (np.abs(motion.curvature) < 1e-4)
     assert np.abs(wheel[straight]).max() < 10
-    assert np.quantile(offset, 0.9) < 0.5
-    assert offset[quiet].max() < 1.3
+    assert np.quantile(offset, 0.9) < 0.7
+    assert offset[quiet].max() < 2
 
 
 def test_a_stop_lasts_two_to_six_seconds_before_its_line(road: Road) -> None:

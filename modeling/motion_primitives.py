@@ -1,0 +1,177 @@
+"""Motion primitives: the steering that follows, by mixture regression within types of path (MP sections III-B, III-C).
+
+MP's upper level says which type of path a window is on, its lower level is one mixture regression for each type:
+
+    n₁ = 1    one regression for all windows
+    n₁ = 3    one for each own path label, the cluster of the segment at t
+    n₁ = 27   one for each path type, the labels of the previous, the own and the next segment (MP eq. 8)
+
+MP clusters into three labels, hence its 3 and 27; with another number of clusters there are as many regressions as there
+are labels or triples of labels.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .mixture import GaussianMixture
+from .regression import MixtureRegression
+
+Floats = NDArray[np.float64]
+PathTypes = Literal[1, 3, 27]
+
+EVERYTHING = "all"
+"""Name of the regression that knows no path types."""
+
+SHRINKAGE_ROWS = 10.0
+"""Covariance shrinkage: this many rows of noise, as wide as each channel, stand beside the rows of each component.
+
+An inverse-Wishart prior in other words. A component has 156 channels that are nearly linearly dependent, and often not
+many more independent rows. What is regularised by a share of the variance is too stiff for much data or too loose
+for little; a number of rows suits both.
+"""
+
+WINDOWS_PER_CHANNEL = 1.0
+"""A path type has its own regression from this many windows per channel and component on."""
+
+OUTPUT_NOISE = 1e-6
+"""Share of an output's variance that remains of that noise, to keep covariances positive definite."""
+
+TOLERANCE = 0.1
+"""EM ends when the mean log-likelihood of a window, several hundred nats, rises by less; more changes no prediction."""
+
+
+@dataclass(frozen=True, slots=True)
+class MotionPrimitives:
+    """The fitted regressions, by path type.
+
+    A path type with too few windows has no regression of its own; it falls back to that of its own label, and that to
+    the one for everything. `model_of` says which is used.
+
+    Attributes:
+        path_types: n₁.
+        regressions: By path type (`1-3-2`), own label (`3`) or `all`; `all` is always there.
+        samples: Training windows by path type, own label and `all`, also of those without a regression.
+    """
+
+    path_types: PathTypes
+    regressions: Mapping[str, MixtureRegression]
+    samples: Mapping[str, int]
+
+    def predict(self, inputs: Floats, path_types: NDArray[Any]) -> tuple[Floats, Floats]:
+        """Predict the steering wheel angle of every future step (MP eqs. 18 to 22, corrected).
+
+        Args:
+            inputs: Shape (n_windows, n_inputs), as `windows.cut_windows` lays them out.
+            path_types: Path type of each window, such as `1-3-2` (n_windows,).
+
+        Returns:
+            Means in deg and variances in deg², each (n_windows, n₃).
+        """
+        outputs = self.regressions[EVERYTHING].n_outputs_
+        mean, variance = np.empty((len(inputs), outputs)), np.empty((len(inputs), outputs))
+        distinct, which = np.unique(path_types.astype(str), return_inverse=True)
+        models = np.array([self.model_of(path_type) for path_type in distinct.tolist()], dtype=object)[which]
+        for model in dict.fromkeys(models):
+            own = np.flatnonzero(models == model)
+            mean[own], deviation = self.regressions[model].predict(inputs[own], return_sd=True)
+            variance[own] = np.square(deviation)
+        return mean, variance
+
+    def model_of(self, path_type: str) -> str:
+        """Return the name of the regression that predicts windows of a path type, also of one never seen."""
+        return next(name for name in _names(path_type, self.path_types) if name in self.regressions)
+
+    def fallbacks(self) -> dict[str, str]:
+        """Return the path types of the training windows that have no regression of their own, and whose they use."""
+        wanted = [name for name in self.samples if _level(name) == self.path_types and name not in self.regressions]
+        return {name: self.model_of(name) for name in wanted}
+
+    def coarser(self, path_types: PathTypes) -> MotionPrimitives:
+        """Return the same structure with a smaller n₁, which is part of it."""
+        kept = {name: regression for name, regression in self.regressions.items() if _level(name) <= path_types}
+        return MotionPrimitives(path_types, kept, self.samples)
+
+
+def fit_motion_primitives(
+    inputs: Floats,
+    outputs: Floats,
+    path_types: NDArray[Any],
+    *,
+    n1: PathTypes,
+    components: int,
+    starts: int = 1,
+    seed: int = 0,
+) -> MotionPrimitives:
+    """Fit a driver's motion primitives.
+
+    Args:
+        inputs: Shape (n_windows, n_inputs), as `windows.cut_windows` lays them out.
+        outputs: Shape (n_windows, n₃), deg.
+        path_types: Path type of each window, such as `1-3-2` (n_windows,).
+        n1: Path types that are told apart.
+        components: n₄, components of each regression's mixture.
+        starts: k-means starts of each mixture; the most likely one is kept.
+        seed: Of the starts.
+
+    Raises:
+        ValueError: There are fewer windows than `windows_needed`.
+    """
+    joint = np.concatenate([inputs, outputs], axis=1)
+    needed = windows_needed(joint.shape[1], components)
+    if len(joint) < needed:
+        raise ValueError(
+            f"{components} components of {joint.shape[1]} channels need {needed} windows, found {len(joint)}"
+        )
+    names = np.array([[*reversed(_names(path_type, n1))] for path_type in path_types.astype(str).tolist()])
+    samples = Counter(names.ravel().tolist())
+    regressions = {
+        name: _fit(joint[(names == name).any(axis=1)], inputs.shape[1], components, starts, seed)
+        for name in sorted(samples, key=lambda name: (_level(name), name))
+        if samples[name] >= needed
+    }
+    return MotionPrimitives(n1, regressions, dict(sorted(samples.items())))
+
+
+def windows_needed(channels: int, components: int) -> int:
+    """Return the fewest windows, each of `channels` inputs and outputs, that a regression is fitted to."""
+    return round(WINDOWS_PER_CHANNEL * channels * components)
+
+
+def _fit(joint: Floats, n_inputs: int, components: int, starts: int, seed: int) -> MixtureRegression:
+    """Fit one regression to windows (n_windows, n_channels), inputs first."""
+    shrinkage = SHRINKAGE_ROWS * components / len(joint)
+    mixture = GaussianMixture(
+        components,
+        covariance_regularisation=shrinkage,
+        n_starts=starts,
+        max_iterations=100,
+        tolerance=TOLERANCE,
+        random_state=seed,
+    ).fit(joint)
+    # In the inputs the noise makes each component's regression a ridge regression. In the outputs it would only widen
+    # every prediction by what no driver did, so that all but a trace of it is taken out again.
+    noise = (shrinkage - OUTPUT_NOISE) * joint.var(axis=0)
+    noise[:n_inputs] = 0.0
+    mixture = GaussianMixture.from_parameters(mixture.weights_, mixture.means_, mixture.covariances_ - np.diag(noise))
+    columns = np.arange(joint.shape[1])
+    return MixtureRegression.from_mixture(mixture, columns[:n_inputs], columns[n_inputs:])
+
+
+def _names(path_type: str, path_types: PathTypes) -> list[str]:
+    """Return the regressions that may predict a path type, the most particular one first."""
+    if path_types == 1:
+        return [EVERYTHING]
+    own = path_type.split("-")[1]
+    return [own, EVERYTHING] if path_types == 3 else [path_type, own, EVERYTHING]
+
+
+def _level(name: str) -> int:
+    """Return the n₁ from which on a regression is part of the structure."""
+    return 1 if name == EVERYTHING else 27 if "-" in name else 3

@@ -1,0 +1,509 @@
+"""The build stage on synthetic drives: nothing of an emergency gets in, everything is accounted for, bytes repeat."""
+
+from __future__ import annotations
+
+import json
+import math
+import pickle
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from numpy.typing import NDArray
+
+from wheelprint.dataset.build import plan_build
+from wheelprint.dataset.events import Event, read_events, write_events
+from wheelprint.dataset.folds import deal_folds
+from wheelprint.dataset.lookahead import lookahead_distance
+from wheelprint.schemas.errors import InputError
+from wheelprint.schemas.project import Project
+from wheelprint.schemas.store import Manifest, describe_output, publish_table, read_table, sha256
+from wheelprint.schemas.tables import DATASET, SYNCED
+from wheelprint.schemas.tasks import Outcome
+
+Floats = NDArray[np.float64]
+
+PERIOD = 100_000_000
+START = 1_795_420_800 * 10**9
+WHEELBASE, RATIO, OFFSET = 2.8, 15.0, -4.0
+CONFIG = f"[vehicle]\nwheelbase = {WHEELBASE}\nsteering_ratio = {RATIO}\nsteering_offset = {OFFSET}\n"
+SAMPLES = 1200
+RECORDINGS = {"anna": ("monday", "tuesday"), "Bö/b".replace("/", " "): ("ring", "town")}
+STANDS = slice(0, 50)
+BRAKES = slice(600, 615)
+GAP = slice(900, 910)
+
+
+def three_labels(
+    features: Floats, clusters: int | Literal["bic"], maximum: int, seed: int
+) -> tuple[NDArray[np.int64], Floats, Floats, list[tuple[int, float]]]:
+    """Stand in for the mixture: thirds by average course deviation, or fewer where fewer are allowed."""
+    assert seed == 0
+    count = min(maximum, 3) if clusters == "bic" else clusters
+    place = np.argsort(np.argsort(-features[:, 1], kind="stable"), kind="stable")
+    labels = place * count // len(features) + 1
+    means = np.array([features[labels == label].mean(axis=0) for label in range(1, count + 1)])
+    weights = np.bincount(labels, minlength=count + 1)[1:] / len(features)
+    return labels, means, weights, [(k, 100.0 - k) for k in range(1, maximum + 1)]
+
+
+def synthetic_drive(seed: int, start: int) -> dict[str, Floats]:
+    """A car that follows a winding road kinematically, stands at first, brakes hard once, and has one gap."""
+    rng = np.random.default_rng(seed)
+    t = 0.1 * np.arange(SAMPLES)
+    speed = 14 + 3 * np.sin(0.05 * t + seed)
+    speed[STANDS] = 0.3
+    bend = np.clip(4 * np.sin(0.25 * t + seed), -3, 3) * (np.sin(0.07 * t) > -0.5)
+    heading = seed * 50 + np.cumsum(np.degrees(speed * np.tan(np.radians(bend)) / WHEELBASE) * 0.1)
+    acceleration = np.zeros(SAMPLES)
+    acceleration[BRAKES] = -8.0
+    run = np.repeat([0.0, 1.0], [GAP.start, SAMPLES - GAP.start])
+    run[GAP] = np.nan
+    course = (heading + 180) % 360 - 180
+    return {
+        "time": start + np.arange(SAMPLES) * PERIOD,
+        "run": run,
+        "x": np.cumsum(speed * np.cos(np.radians(heading)) * 0.1) + rng.normal(0, 0.01, SAMPLES),
+        "y": np.cumsum(speed * np.sin(np.radians(heading)) * 0.1) + rng.normal(0, 0.01, SAMPLES),
+        "course": course,
+        "heading": course,
+        "nav_speed": speed,
+        "speed": speed * 1.1,
+        "nav_longitudinal_acceleration": acceleration,
+        "steering_wheel_angle": bend * RATIO + OFFSET + rng.normal(0, 0.5, SAMPLES),
+    }  # fmt: skip
+
+
+def synced_table(signals: dict[str, Floats]) -> pa.Table:
+    samples = len(signals["time"])
+    columns = []
+    for field in SYNCED:
+        values = signals.get(field.name, np.full(samples, np.nan))
+        kind = field.type if field.name != "time" else pa.int64()
+        columns.append(pa.array(values, kind, from_pandas=True, safe=False).cast(field.type))
+    return pa.table(columns, schema=SYNCED).replace_schema_metadata({"origin": '{"latitude": 1.5}'})
+
+
+Change = Callable[[str, str, dict[str, Floats]], None]
+
+
+def make_project(folder: Path, change: Change = lambda *_: None, config: str = CONFIG) -> Project:
+    """Two drivers with two recordings each, converted."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "wheelprint.toml").write_text(config, encoding="utf-8")
+    project = Project(folder)
+    for driver, names in RECORDINGS.items():
+        for number, name in enumerate(names):
+            (folder / "raw" / driver / name).mkdir(parents=True, exist_ok=True)
+            signals = synthetic_drive(number + len(driver), START + number * 3600 * 10**9)
+            change(driver, name, signals)
+            path = project.synced_file(driver, name)
+            publish_table(path, synced_table(signals))
+            entry = {"outputs": [describe_output(project.directory, path)], "fingerprint": "", "problems": []}
+            Manifest(project.directory).record("recordings", f"{driver}/{name}", entry)
+    return project
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Project:
+    return make_project(tmp_path / "project")
+
+
+def build(project: Project) -> tuple[dict[str, Outcome | InputError], list[InputError]]:
+    """What the command does, without processes."""
+    tasks, problems = plan_build(project, three_labels)
+    outcomes: dict[str, Outcome | InputError] = {}
+    for task in tasks:
+        task = pickle.loads(pickle.dumps(task))  # noqa: PLW2901, S301  as on its way to another process
+        try:
+            outcomes[task.name] = outcome = task.run(**task.arguments)
+        except InputError as error:
+            outcomes[task.name] = error
+            Manifest(project.directory).remove(task.section, task.name)
+        else:
+            kept = [{"path": p.path, "where": p.where, "reason": p.reason} for p in outcome.problems]
+            entry = {**outcome.entry, "fingerprint": task.fingerprint, "problems": kept}
+            Manifest(project.directory).record(task.section, task.name, entry)
+    return outcomes, problems
+
+
+def built(project: Project) -> dict[str, dict[str, Any]]:
+    """Build what must succeed without a problem, and return the entries."""
+    outcomes, problems = build(project)
+    assert problems == []
+    for outcome in outcomes.values():
+        assert isinstance(outcome, Outcome)
+        assert outcome.problems == ()
+    return dict(Project(project.directory).manifest["dataset"])
+
+
+def rows(project: Project, driver: str = "anna", name: str = "monday") -> dict[str, Any]:
+    table = read_table(project.dataset_file(driver, name))
+    return {c: table[c].cast(pa.int64()).to_numpy() if c == "time" else table[c].to_numpy() for c in table.column_names}
+
+
+def at(row: float) -> int:
+    return START + round(row * PERIOD)
+
+
+def test_events_are_proposed_and_what_they_cover_is_absent(project: Project) -> None:
+    entries = built(project)
+    events = read_events(project.events_file)
+    note = "nav_longitudinal_acceleration -8 m/s² (threshold 5)"
+    assert [e for e in events if e.recording == "anna/monday"] == [
+        Event("anna/monday", at(0), at(50), "standstill", 0.0, "proposed", "", "below 1 m/s"),
+        Event("anna/monday", at(590), at(625), "hard_braking", 1.6, "proposed", "", note),
+    ]
+    assert len(events) == 8
+    expected = [*range(50, 590), *range(625, 900), *range(910, SAMPLES)]
+    found = rows(project)
+    assert found["time"].tolist() == [at(row) for row in expected]
+    assert found["run"].tolist() == [0] * 540 + [1] * 275 + [2] * 290
+    for entry in entries.values():
+        assert entry["excluded"] == {"gap": 2.0, "hard_braking": 7.0, "standstill": 10.0}
+        assert entry["driven_s"] == 221.0
+        assert entry["samples"] == sum(output["rows"] for output in entry["outputs"]) == 2210
+        assert entry["driven_s"] + sum(entry["excluded"].values()) == 2 * SAMPLES / 10
+
+
+def test_the_columns_say_what_the_design_says(project: Project) -> None:
+    entry = built(project)["anna"]
+    found = rows(project)
+    raw = synthetic_drive(4, START)
+    index = (found["time"] - START) // PERIOD
+    run = found["run"]
+    begins = np.flatnonzero(np.diff(run, prepend=-1))
+
+    inner = np.flatnonzero((np.roll(run, 2) == run) & (np.roll(run, -2) == run))[2:-2]
+    for column, source in (("x", "x"), ("y", "y"), ("speed", "nav_speed")):
+        mean = sum(raw[source][index[inner] + step] for step in range(-2, 3)) / 5
+        np.testing.assert_allclose(found[column][inner], mean, rtol=0, atol=1e-9)
+    wheel = sum(raw["steering_wheel_angle"][index[inner] + step] for step in range(-2, 3)) / 5 - OFFSET
+    np.testing.assert_allclose(found["steering_wheel_angle"][inner], wheel, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found["road_wheel_angle"], found["steering_wheel_angle"] / RATIO, rtol=1e-14)
+    np.testing.assert_array_equal(found["course"], found["heading"])
+    assert np.abs(found["course"]).max() > 150
+
+    step = (np.diff(found["course"], prepend=math.nan) + 180) % 360 - 180
+    step[begins] = math.nan
+    np.testing.assert_allclose(found["course_deviation"], step, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(np.isnan(found["course_deviation"]), np.isin(np.arange(len(run)), begins))
+    # kinematics: the course turns by v tan(δ) / L
+    turning = np.degrees(found["speed"] * np.tan(np.radians(found["road_wheel_angle"])) / WHEELBASE) * 0.1
+    assert np.corrcoef(turning[inner], step[inner])[0, 1] > 0.98
+
+    expected = lookahead_distance(
+        found["x"], found["y"], found["heading"], found["road_wheel_angle"], run, WHEELBASE, project.config.lookahead
+    )
+    np.testing.assert_array_equal((found["lookahead"], found["lookahead_spread"]), expected)
+    assert np.isnan(found["lookahead"]).mean() < 0.05
+
+    side = np.where(step > 0.05, "left", np.where(step < -0.05, "right", "neutral"))
+    side[begins] = side[begins + 1]
+    assert found["path_side"].tolist() == side.tolist()
+    assert set(side) == {"left", "right", "neutral"}
+    segment, label = found["segment"], found["path_label"]
+    changes = np.flatnonzero((np.diff(run) != 0) | (side[1:] != side[:-1])) + 1
+    assert segment.tolist() == np.cumsum(np.isin(np.arange(len(run)), changes)).tolist()
+    firsts = np.flatnonzero(np.diff(segment, prepend=-1))
+    previous, own, following = (np.array([int(t.split("-")[i]) for t in found["path_type"]]) for i in range(3))
+    np.testing.assert_array_equal(own, label)
+    for first, second in pairwise(firsts):
+        connected = run[first] == run[second]
+        assert following[first] == (label[second] if connected else label[first])
+        assert previous[second] == (label[first] if connected else label[second])
+    assert entry["segments"] == 1 + segment[-1] + 1 + rows(project, "anna", "tuesday")["segment"][-1]
+    assert [cluster["label"] for cluster in entry["clusters"]] == [1, 2, 3]
+    assert sum(cluster["share"] for cluster in entry["clusters"]) == pytest.approx(1)
+    deviations = [cluster["average_course_deviation_deg"] for cluster in entry["clusters"]]
+    assert deviations == sorted(deviations, reverse=True)
+    assert entry["bic"][:2] == [{"clusters": 1, "bic": 99.0}, {"clusters": 2, "bic": 98.0}]
+    assert entry["distance_m"] == pytest.approx(14 * 221, rel=0.1)
+
+
+def test_folds_run_through_the_drivers_recordings_in_the_order_of_time(tmp_path: Path) -> None:
+    def tuesday_first(_driver: str, name: str, signals: dict[str, Floats]) -> None:
+        if name == "tuesday":
+            signals["time"] -= 7200 * 10**9
+
+    project = make_project(tmp_path, tuesday_first)
+    entry = built(project)["anna"]
+    assert [output["recording"] for output in entry["outputs"]] == ["tuesday", "monday"]
+    fold = np.concatenate([rows(project, "anna", name)["fold"] for name in ("tuesday", "monday")])
+    np.testing.assert_array_equal(fold, deal_folds(2210, 10, 0))
+
+
+def test_the_project_reads_what_was_built(project: Project) -> None:
+    built(project)
+    assert read_table(project.dataset_file("anna", "monday")).schema.remove_metadata() == DATASET.remove_metadata()
+    table = Project(project.directory).dataset()
+    assert table.column_names == ["driver", "recording", *DATASET.names]
+    assert len(table) == 4420
+    metadata = read_table(project.dataset_file("anna", "monday")).schema.metadata
+    path = project.synced_file("anna", "monday")
+    assert json.loads(metadata[b"inputs"]) == {path.relative_to(project.directory).as_posix(): sha256(path)}
+    assert json.loads(metadata[b"origin"]) == {"latitude": 1.5}
+    assert json.loads(metadata[b"parameters"])["steering"] == {"ratio": RATIO, "offset": OFFSET}
+    assert {key.decode() for key in metadata} == {"driver", "recording", "wheelprint", "parameters", "origin", "inputs"}
+
+
+def test_same_inputs_same_bytes(tmp_path: Path) -> None:
+    first, second = (make_project(tmp_path / name) for name in ("one", "two"))
+    entries = built(first), built(second)
+    assert entries[0] == entries[1]
+    files = sorted(path.relative_to(first.directory) for path in first.directory.rglob("dataset/**/*.parquet"))
+    assert len(files) == 4
+    for file in (*files, Path("events.csv"), Path("manifest.json")):
+        assert (first.directory / file).read_bytes() == (second.directory / file).read_bytes()
+
+
+def test_nothing_of_what_is_left_out_gets_in(tmp_path: Path) -> None:
+    def vandalise(_driver: str, _name: str, signals: dict[str, Floats]) -> None:
+        for name in ("x", "y", "course", "heading", "speed", "steering_wheel_angle"):
+            for stretch in (slice(0, 50), slice(590, 625), GAP):
+                signals[name][stretch] = 77.0
+
+    clean, vandalised = make_project(tmp_path / "clean"), make_project(tmp_path / "vandalised", vandalise)
+    built(clean), built(vandalised)
+    for driver, names in RECORDINGS.items():
+        for name in names:
+            tables = [read_table(p.dataset_file(driver, name)) for p in (clean, vandalised)]
+            assert tables[0].equals(tables[1])
+
+
+def decide(project: Project, kind: str, decision: Literal["emergency", "normal"]) -> None:
+    events = read_events(project.events_file)
+    write_events(
+        project.events_file,
+        [replace(e, decision=decision, decided_by="Li") if e.kind == kind else e for e in events],
+    )
+
+
+def test_normal_comes_back_and_emergency_stays_out(project: Project) -> None:
+    built(project)
+    decide(project, "hard_braking", "normal")
+    before = project.events_file.read_bytes()
+    entry = built(project)["anna"]
+    assert project.events_file.read_bytes() == before
+    assert entry["excluded"] == {"gap": 2.0, "standstill": 10.0}
+    assert rows(project)["run"].tolist() == [0] * 850 + [1] * 290
+
+    decide(project, "hard_braking", "emergency")
+    assert built(project)["anna"]["excluded"] == {"gap": 2.0, "hard_braking": 7.0, "standstill": 10.0}
+
+
+def test_a_person_may_add_an_event(project: Project) -> None:
+    built(project)
+    added = Event("anna/monday", at(100.5), at(102), "tram", 0.0, "emergency", "Li", "")
+    write_events(project.events_file, [*read_events(project.events_file), added])
+    assert built(project)["anna"]["excluded"]["tram"] == 0.1
+    assert at(101) not in rows(project)["time"]
+    assert at(100) in rows(project)["time"]
+
+
+def test_only_what_concerns_a_driver_makes_a_task_new(project: Project) -> None:
+    def fingerprints() -> dict[str, str]:
+        return {task.name: task.fingerprint for task in plan_build(Project(project.directory), three_labels)[0]}
+
+    first = fingerprints()
+    assert fingerprints() == first
+    events = read_events(project.events_file)
+    write_events(project.events_file, [replace(e, decision="emergency", note="seen", decided_by="Li") for e in events])
+    assert fingerprints() == first
+    write_events(
+        project.events_file,
+        [replace(e, decision="normal") if e.recording.startswith("anna") else replace(e, decision="emergency")
+         for e in events],
+    )  # fmt: skip
+    second = fingerprints()
+    assert second["anna"] != first["anna"]
+    assert second["Bö b"] == first["Bö b"]
+    (project.directory / "wheelprint.toml").write_text(CONFIG + "[events]\npadding = 1.5\n", encoding="utf-8")
+    assert fingerprints()["anna"] == second["anna"]
+    (project.directory / "wheelprint.toml").write_text(CONFIG + "[dataset]\nsmoothing_window = 1\n", encoding="utf-8")
+    third = fingerprints()
+    assert set(third.values()).isdisjoint(second.values())
+
+
+def test_the_cars_speed_can_be_taken(tmp_path: Path) -> None:
+    project = make_project(tmp_path, config=CONFIG + '[dataset]\nspeed = "can"\nsmoothing_window = 1\n')
+    built(project)
+    found = rows(project)
+    index = (found["time"] - START) // PERIOD
+    np.testing.assert_allclose(found["speed"], synthetic_drive(4, START)["speed"][index], rtol=0, atol=1e-12)
+
+
+def test_missing_values_end_a_run_and_a_single_sample_is_none(tmp_path: Path) -> None:
+    def holes(driver: str, name: str, signals: dict[str, Floats]) -> None:
+        if (driver, name) == ("anna", "monday"):
+            signals["steering_wheel_angle"][[100, 102]] = np.nan
+            signals["heading"][200:210] = np.nan
+            signals["course"][300] = np.nan
+
+    project = make_project(tmp_path, holes)
+    entry = built(project)["anna"]
+    assert entry["excluded"] == {"gap": 2.0, "hard_braking": 7.0, "missing": 0.3, "single": 0.1, "standstill": 10.0}
+    found = rows(project)
+    assert not np.isin([at(100), at(101), at(102), at(300)], found["time"]).any()
+    assert found["run"][-1] == 4
+    assert np.count_nonzero(np.isnan(found["heading"])) == 10
+    assert not np.isnan(found["lookahead"][np.isnan(found["heading"])]).any()
+
+
+def test_a_recording_without_a_core_column_is_left_out_and_the_rest_goes_on(tmp_path: Path) -> None:
+    def unmapped(driver: str, name: str, signals: dict[str, Floats]) -> None:
+        if (driver, name) == ("anna", "monday"):
+            for column in ("steering_wheel_angle", "x", "y"):
+                del signals[column]
+
+    project = make_project(tmp_path, unmapped, CONFIG + "[dataset]\nfolds = 5\n")
+    outcomes, _ = build(project)
+    outcome = outcomes["anna"]
+    assert isinstance(outcome, Outcome)
+    assert [str(problem) for problem in outcome.problems] == [
+        f"{project.synced_file('anna', 'monday')}: x, y, steering_wheel_angle: nothing but nulls in this recording, "
+        "which is left out of the dataset; map the car's signals in wheelprint.toml: [can.signals] "
+        'steering_wheel_angle = "Message.Signal"; x, y must come from a navigation log in the recording\'s folder. '
+        "`wheelprint inspect FILE` shows what a log holds"
+    ]
+    assert [output["recording"] for output in outcome.entry["outputs"]] == ["tuesday"]
+    assert outcome.entry["excluded"]["missing"] == 120.0
+    assert isinstance(outcomes["Bö b"], Outcome)
+    assert outcomes["Bö b"].problems == ()
+
+
+def test_a_recording_of_standstill_alone_is_named(tmp_path: Path) -> None:
+    def parked(driver: str, name: str, signals: dict[str, Floats]) -> None:
+        if (driver, name) == ("anna", "tuesday"):
+            signals["nav_speed"][:] = 0.0
+
+    project = make_project(tmp_path, parked)
+    outcome = build(project)[0]["anna"]
+    assert isinstance(outcome, Outcome)
+    path = project.synced_file("anna", "tuesday")
+    assert [str(p) for p in outcome.problems] == [
+        f"{path}: no row of it is ordinary driving: gap 1.0 s, standstill 119.0 s"
+    ]
+
+
+def test_a_driver_with_too_little_fails_alone(tmp_path: Path) -> None:
+    def parked(driver: str, name: str, signals: dict[str, Floats]) -> None:
+        if driver == "anna":
+            signals["nav_speed"][300:] = 0.0
+        if (driver, name) == ("anna", "tuesday"):
+            del signals["x"]
+
+    project = make_project(tmp_path, parked)
+    outcomes, problems = build(project)
+    assert problems == []
+    assert str(outcomes["anna"]) == (
+        f"{project.directory}: driver 'anna': 250 samples of ordinary driving, and 600 are needed (60 for each of 10 "
+        "folds). Left out: gap 1.0 s, missing 120.0 s, standstill 94.0 s. Recordings without use: "
+        f"{project.synced_file('anna', 'tuesday')}: x: nothing but nulls in this recording, which is left out of the "
+        "dataset; x must come from a navigation log in the recording's folder. `wheelprint inspect FILE` shows what a "
+        "log holds. Add recordings, decide about proposed events (`wheelprint review`), or lower dataset.folds"
+    )
+    assert isinstance(outcomes["Bö b"], Outcome)
+    assert not project.dataset_file("anna", "monday").exists()
+
+
+def test_what_is_not_converted_is_named_and_left_out(project: Project) -> None:
+    (project.directory / "raw/anna/wednesday").mkdir()
+    project.synced_file("anna", "tuesday").unlink()
+    outcomes, problems = build(project)
+    assert [str(problem) for problem in problems] == [
+        f"{project.synced_file('anna', 'tuesday')}: not the file that `wheelprint convert` wrote, and left out of the "
+        "dataset; run it again",
+        f"{project.directory}/raw/anna/wednesday: it has no synced table and is left out of the dataset; "
+        "`wheelprint convert` says why",
+    ]
+    outcome = outcomes["anna"]
+    assert isinstance(outcome, Outcome)
+    assert [output["recording"] for output in outcome.entry["outputs"]] == ["monday"]
+
+
+def test_a_driver_without_any_converted_recording_loses_the_old_dataset(project: Project) -> None:
+    built(project)
+    for name in RECORDINGS["anna"]:
+        Manifest(project.directory).remove("recordings", f"anna/{name}")
+    outcomes, _ = build(project)
+    assert str(outcomes["anna"]) == (
+        f"{project.directory}: driver 'anna': 0 samples of ordinary driving, and 600 are needed (60 for each of 10 "
+        "folds). Add recordings, decide about proposed events (`wheelprint review`), or lower dataset.folds"
+    )
+    assert not project.dataset_file("anna", "monday").exists()
+
+
+def test_nothing_converted(tmp_path: Path) -> None:
+    (tmp_path / "raw/anna/monday").mkdir(parents=True)
+    (tmp_path / "wheelprint.toml").write_text(CONFIG, encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        plan_build(Project(tmp_path), three_labels)
+    assert str(caught.value) == (
+        f"{tmp_path}: no recording is converted; run `wheelprint convert` first ({tmp_path}/raw/anna/monday: it has no "
+        "synced table and is left out of the dataset; `wheelprint convert` says why)"
+    )
+
+
+def test_events_of_unknown_recordings_are_said(project: Project) -> None:
+    stray = [
+        Event("anna/munday", at(0), at(50), "tram", 0.0, "emergency", "Li", ""),
+        Event("x/y", at(0), at(50), "tram", 0.0, "normal", "Li", ""),
+        Event("x/gone", at(0), at(50), "swerve", 1.0, "proposed", "", ""),
+    ]
+    write_events(project.events_file, stray)
+    _, problems = build(project)
+    assert [str(problem) for problem in problems] == [
+        f"{project.events_file}: anna/munday: the project has no such recording; did you mean anna/monday?",
+        f"{project.events_file}: x/y: the project has no such recording; correct or remove its lines",
+    ]
+
+
+def test_fewer_segments_fewer_clusters(tmp_path: Path) -> None:
+    def straight(driver: str, _name: str, signals: dict[str, Floats]) -> None:
+        if driver == "anna":
+            signals["course"][:] = 0.0
+
+    project = make_project(tmp_path / "bic", straight)
+    entries = built(project)
+    assert entries["anna"]["segments"] == 6
+    assert entries["anna"]["bic"] == []
+    assert entries["anna"]["clusters"] == [
+        {
+            "label": 1, "share": 1.0, "duration_s": pytest.approx(221 / 6), "average_course_deviation_deg": 0.0,
+            "maximum_course_deviation_deg": 0.0, "average_speed_m_s": pytest.approx(14, rel=0.1),
+        }
+    ]  # fmt: skip
+    assert set(rows(project)["path_type"]) == {"1-1-1"}
+    assert len(entries["Bö b"]["clusters"]) == 3
+
+    project = make_project(tmp_path / "two", straight, CONFIG + "[segments]\nclusters = 2\n")
+    outcomes, _ = build(project)
+    outcome = outcomes["anna"]
+    assert isinstance(outcome, Outcome)
+    assert [str(problem) for problem in outcome.problems] == [
+        f"{project.directory}/wheelprint.toml: segments.clusters: driver 'anna': 2 clusters were asked for, but 6 "
+        'segments determine 1 at most (10 segments each), which is what there are now; ask for fewer, write "bic", or '
+        "add recordings"
+    ]
+    assert isinstance(outcomes["Bö b"], Outcome)
+    assert len(outcomes["Bö b"].entry["clusters"]) == 2
+
+
+def test_another_rate_keeps_the_meaning_of_neutral(tmp_path: Path) -> None:
+    def twice_as_fast(_driver: str, _name: str, signals: dict[str, Floats]) -> None:
+        signals["time"] = START + (signals["time"] - START) // 2
+
+    project = make_project(tmp_path, twice_as_fast, CONFIG + "[sync]\nrate = 20.0\n")
+    entry = built(project)["anna"]
+    assert entry["driven_s"] == 110.5
+    found = rows(project)
+    begins = np.diff(found["run"], prepend=-1) != 0
+    expected = np.where(found["course_deviation"] > 0.025, "left", found["path_side"])
+    np.testing.assert_array_equal(found["path_side"][~begins], expected[~begins])
+    assert np.abs(found["course_deviation"][found["path_side"] == "neutral"]).max() <= 0.025
