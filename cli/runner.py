@@ -66,7 +66,9 @@ class Workers:
         if self._client is None:
             logging.getLogger("distributed").setLevel(logging.ERROR)
             cluster = self._open.enter_context(
-                LocalCluster(n_workers=self._count, threads_per_worker=1, host="127.0.0.1", dashboard_address=None)
+                LocalCluster(
+                    n_workers=self._count, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0"
+                )
             )
             self._client = self._open.enter_context(Client(cluster))
         futures = {self._client.submit(_attempt, task, pure=False): task for task in tasks}

@@ -56,7 +56,8 @@ def plan_build(project: Project, cluster: PathClustering) -> tuple[list[Task], l
     for driver, files in synced.items():
         tables = {f"{driver}/{name}": read_table(project.directory / file) for name, (file, _) in files.items()}
         proposals += propose_events(tables, config.events, config.sync.period)
-    write_events(project.events_file, merge_proposals(read_events(project.events_file), proposals))
+    padding = round(config.events.padding * 1e9)
+    write_events(project.events_file, merge_proposals(read_events(project.events_file), proposals, padding))
     events = read_events(project.events_file)
     problems += _stray_events(project, events)
 

@@ -167,14 +167,28 @@ def subtract(events: Iterable[Event], cuts: Iterable[Event]) -> list[Event]:
     return pieces
 
 
-def merge_proposals(existing: Iterable[Event], proposed: Iterable[Event]) -> list[Event]:
+def merge_proposals(existing: Iterable[Event], proposed: Iterable[Event], padding: int = 0) -> list[Event]:
     """Return what a person decided, untouched, and the new proposals in place of the old ones, sorted.
 
     A decision holds for its stretch of time and nothing beyond: of a proposal that overlaps decided events the rest
-    remains. So nothing that nobody looked at enters the dataset because something beside it was called normal.
+    remains, so that nothing that nobody looked at enters the dataset because something beside it was called normal.
+    Only what remains at an end of a proposal and is no longer than its padding is dropped: all it shows is that
+    something was near, and that was decided; else every change of a threshold would leave crumbs to be reviewed.
+
+    Args:
+        existing: Decided events and old proposals.
+        proposed: New proposals.
+        padding: ns that detectors add on both sides of what they find; they add nothing to standstill.
     """
     decided = [event for event in existing if event.decision != "proposed"]
-    return sorted(decided + subtract(proposed, decided))
+    merged = list(decided)
+    for proposal in proposed:
+        crumb = 0 if proposal.kind == "standstill" else padding
+        for piece in subtract([proposal], decided):
+            is_inner = proposal.start < piece.start and piece.stop < proposal.stop
+            if piece == proposal or is_inner or piece.stop - piece.start > crumb:
+                merged.append(piece)
+    return sorted(merged)
 
 
 def covered(time: NDArray[np.int64], events: Iterable[Event]) -> NDArray[np.bool_]:

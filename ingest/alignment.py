@@ -67,7 +67,6 @@ class Fit(NamedTuple):
         standard_error_s: Of the shift, where on the grid it is largest, s.
         residual_s: Weighted rms of what the shift of single blocks differs from the line, s.
         correlation: Between the changes on both clocks once aligned, of the signal that agrees best.
-        alone: What each signal would have said alone: shift at the first sample, s.
         converged: Whether the iteration came to rest.
     """
 
@@ -76,7 +75,6 @@ class Fit(NamedTuple):
     standard_error_s: float
     residual_s: float
     correlation: float
-    alone: dict[str, float]
     converged: bool
 
 
@@ -184,13 +182,12 @@ def refine(signals: Sequence[Signal], grid_time: Times, shift_s: float, period: 
     for _ in range(ITERATIONS):
         time = grid_time - np.rint((shift_s + gain_s * share) * SECOND).astype(np.int64)
         terms = [_linearise(signal, time, share, period, max_gap) for signal in signals]
-        normals, gradients = np.zeros((len(signals), n, n)), np.zeros((len(signals), n))
+        normal, gradient = prior.copy(), -prior[:, 1] * gain_s
         for k, term in enumerate(terms):
-            columns = [0, 1, 2 + k]
-            normals[k][np.ix_(columns, columns)] = (term.design * term.weight[:, None]).T @ term.design
-            gradients[k, columns] = term.design.T @ (term.weight * term.residual)
-        normal = normals.sum(axis=0) + prior
-        step = np.linalg.solve(normal, gradients.sum(axis=0) - prior[:, 1] * gain_s)
+            columns = np.array([0, 1, 2 + k])
+            normal[np.ix_(columns, columns)] += (term.design * term.weight[:, None]).T @ term.design
+            gradient[columns] += term.design.T @ (term.weight * term.residual)
+        step = np.linalg.solve(normal, gradient)
         shift_s, gain_s = shift_s + float(step[0]), gain_s + float(step[1])
         converged = bool(np.abs(step[:2]).max() < TOLERANCE_S)
         if converged or abs(shift_s - start_s) > 2 * WINDOW_S:
@@ -198,11 +195,11 @@ def refine(signals: Sequence[Signal], grid_time: Times, shift_s: float, period: 
 
     scores, shares = np.zeros((block[-1] + 1, n)), np.zeros((block[-1] + 1, n, n))
     for k, term in enumerate(terms):
-        columns, at = [0, 1, 2 + k], block[term.rows, None]
+        columns, at = np.array([0, 1, 2 + k]), block[term.rows]
         weighted = term.design * term.weight[:, None]
-        np.add.at(scores, (at, columns), weighted * term.residual[:, None])
-        outer = weighted[:, :, None] * term.design[:, None, :]
-        np.add.at(shares, (at[:, :, None], np.array(columns)[:, None], columns), outer)
+        np.add.at(scores, (at[:, None], columns), weighted * term.residual[:, None])
+        products = weighted[:, :, None] * term.design[:, None, :]
+        np.add.at(shares, (at[:, None, None], columns[:, None], columns), products)
     # What the parameters would be without one block; a share of 1e-9 keeps this finite where one block tells it all.
     ridge = 1e-9 * np.diag(np.diag(normal))
     without = np.linalg.solve(normal + ridge - shares, scores[:, :, None])[:, :, 0]
@@ -210,17 +207,12 @@ def refine(signals: Sequence[Signal], grid_time: Times, shift_s: float, period: 
     covariance = (without.T @ without + inverse @ prior @ inverse)[:2, :2]
     pull, grip = scores[:, 0], shares[:, 0, 0]
     ends = np.array([[1.0, 0.0], [1.0, 1.0]])
-    alone = {
-        signal.name: shift_s + float(np.linalg.lstsq(normals[k] + prior, gradients[k], rcond=None)[0][0])
-        for k, signal in enumerate(signals)
-    }
     return Fit(
         shift_s=shift_s,
         gain_s=gain_s,
         standard_error_s=float(np.sqrt(np.einsum("ij,jk,ik->i", ends, covariance, ends).max())),
         residual_s=float(np.sqrt(np.sum(pull**2 / np.where(grip > 0, grip, 1.0)) / grip.sum())),
         correlation=max(term.correlation for term in terms),
-        alone=alone,
         converged=converged,
     )
 

@@ -20,6 +20,7 @@ PROMISING_CORRELATION = 0.7
 """Enough to end the search: a drift still blurs the peak."""
 MINIMUM_CORRELATION = 0.9
 MAXIMUM_STANDARD_ERROR_S = 0.020
+MAXIMUM_DRIFT_PPM = 300.0
 ADVICE = "; if the offset is known, give it as sync.clock in seconds"
 
 Series: TypeAlias = tuple[Times, Values]
@@ -64,8 +65,8 @@ class ClockEstimate:
 
 def to_utc(can_time: Times, estimate: ClockEstimate) -> Times:
     """Return the UTC stamps of CAN stamps (n_samples,), both in ns; only the drift's share is rounded, to 1 ns."""
-    gained = np.rint((can_time - estimate.reference) * (1e-6 * estimate.drift_ppm)).astype(np.int64)
-    return can_time - round(estimate.offset_s * SECOND) - gained
+    gained: Times = np.rint((can_time - estimate.reference) * (1e-6 * estimate.drift_ppm)).astype(np.int64)
+    return np.asarray(can_time - round(estimate.offset_s * SECOND) - gained, np.int64)
 
 
 def estimate_clock(
@@ -86,7 +87,7 @@ def estimate_clock(
 
     Args:
         can_time: (n_can,) stamps of the CAN speed, ns.
-        can_speed: (n_can,) m/s, NaN where missing; its scale and bias do not matter.
+        can_speed: (n_can,) m/s, NaN where missing; scale, bias and sign do not matter.
         nav_time: (n_nav,) UTC stamps of the navigation's speed, ns.
         nav_speed: (n_nav,) m/s, NaN where missing.
         can_yaw_rate: Stamps in ns and values in deg/s; scale, bias and sign do not matter.
@@ -97,9 +98,8 @@ def estimate_clock(
         The estimate. It is applied if the correlation reaches 0.9, no other offset explains the signals nearly as
         well, and the standard error stays within 20 ms throughout the recording.
     """
-    can = {"speed": (can_time, np.asarray(can_speed, np.float64))}
-    nav = {"speed": (nav_time, np.asarray(nav_speed, np.float64))}
-    nav["speed"] = (nav_time, np.where(nav["speed"][1] < STANDSTILL, np.nan, nav["speed"][1]))
+    driven = np.where(np.asarray(nav_speed, np.float64) >= STANDSTILL, nav_speed, np.nan)
+    can, nav = {"speed": (can_time, np.abs(can_speed))}, {"speed": (nav_time, driven)}
     if can_yaw_rate is not None and nav_yaw_rate is not None:
         can["yaw rate"], nav["yaw rate"] = can_yaw_rate, nav_yaw_rate
     names = [name for name in can if min(np.isfinite(side[name][1]).sum() for side in (can, nav)) > 2]
@@ -136,16 +136,20 @@ def estimate_clock(
         return ClockEstimate.trusted(f"too little excitation: neither speed nor yaw rate changes{ADVICE}")
     telling = [signal for signal, r in zip(signals, peak.correlations, strict=True) if r > 0.5 * best]
     fit = refine(telling, can_grid, peak.shift_s, period, max_gap)
-    doubt = _doubt(fit, peak)
-    alone = ", ".join(f"{name} alone says {shift:.3f} s" for name, shift in fit.alone.items())
+    drift_ppm = 1e6 * fit.gain_s * SECOND / int(can_grid[-1] - can_grid[0])
+    doubt = _doubt(fit, peak, drift_ppm)
+    alone = [
+        (s.name, fit if len(telling) == 1 else refine([s], can_grid, peak.shift_s, period, max_gap)) for s in telling
+    ]
+    said = " and ".join(f"{name} ({one.shift_s:.3f} ± {one.standard_error_s:.3f} s)" for name, one in alone)
     return ClockEstimate(
         offset_s=0.0 if doubt else fit.shift_s,
-        drift_ppm=0.0 if doubt else 1e6 * fit.gain_s * SECOND / int(can_grid[-1] - can_grid[0]),
+        drift_ppm=0.0 if doubt else drift_ppm,
         residual_ms=1e3 * fit.residual_s,
         standard_error_ms=1e3 * fit.standard_error_s,
         correlation=fit.correlation,
         applied=not doubt,
-        reason=doubt or (f"from speed and yaw rate: {alone}" if len(telling) > 1 else f"from {telling[0].name}"),
+        reason=doubt or f"estimated from {said}",
         reference=int(can_grid[0]),
     )
 
@@ -154,7 +158,7 @@ def _common_grid(times: Sequence[Times], period: int) -> Times:
     return grid(min(int(time.min()) for time in times), max(int(time.max()) for time in times) + 1, period)
 
 
-def _doubt(fit: Fit, peak: Peak) -> str:
+def _doubt(fit: Fit, peak: Peak, drift_ppm: float) -> str:
     """Return why the fit cannot be relied on, empty where it can."""
     if fit.correlation < MINIMUM_CORRELATION:
         return (
@@ -163,9 +167,10 @@ def _doubt(fit: Fit, peak: Peak) -> str:
         )
     if peak.rival_s is not None:
         return f"ambiguous: offsets of {peak.shift_s:.1f} s and {peak.rival_s:.1f} s explain the signals alike{ADVICE}"
-    if not fit.converged:
+    if not fit.converged or abs(drift_ppm) > MAXIMUM_DRIFT_PPM:
         return (
-            f"no offset near {peak.shift_s:.1f} s fits throughout; the CAN clock may have been set on the way{ADVICE}"
+            f"no offset near {peak.shift_s:.1f} s with a drift within ±{MAXIMUM_DRIFT_PPM:.0f} ppm fits throughout; the "
+            f"CAN clock may have been set on the way{ADVICE}"
         )
     if fit.standard_error_s > MAXIMUM_STANDARD_ERROR_S:
         return (

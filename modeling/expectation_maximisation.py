@@ -162,6 +162,11 @@ def maximise(rows: Rows, start: Parameters, ridge: FloatArray, max_iterations: i
     return Run(parameters, log_likelihoods, converged=False)
 
 
+def step(rows: Rows, parameters: Parameters, ridge: FloatArray) -> Parameters:
+    """Return one E and M step from `parameters`."""
+    return _update(parameters, _pass(rows, parameters), ridge)[0]
+
+
 def _pass(rows: Rows, parameters: Parameters) -> Statistics:
     """Return the likelihood of the parameters and the sums that the next M step needs."""
     from scipy.linalg.blas import dsyrk
@@ -176,6 +181,8 @@ def _pass(rows: Rows, parameters: Parameters) -> Statistics:
         log_likelihood += float(totals.sum())
         for component, (responsibilities, y) in enumerate(zip(np.exp(joint - totals), whitened, strict=True)):
             own = np.flatnonzero(responsibilities > NEGLIGIBLE)
+            if not own.size:  # BLAS takes no empty matrix
+                continue
             r = responsibilities[own]
             root = np.sqrt(r)
             weighted = y[:, own] * root

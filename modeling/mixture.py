@@ -21,6 +21,7 @@ from .expectation_maximisation import (
     maximise,
     moments_of,
     parameters_of,
+    step,
     variances_of,
 )
 
@@ -34,7 +35,7 @@ class GaussianMixture(Estimator):
     """A mixture of k Gaussians with full covariances.
 
     `fit` follows scikit-learn's conventions and gives its numbers from the same start. The start is the most likely of
-    `n_starts` runs of k-means and EM on at most 20,000 rows; EM on all rows goes on from there. E and M step are one
+    `n_starts` runs of k-means and EM on at most 20,000 rows; EM on all rows begins with its responsibilities. E and M step are one
     pass in chunks of rows, so that beside `X` a few megabytes are needed.
 
     A component is dropped when it has collapsed: fewer effective rows (sum of responsibilities) than `n_features + 1`,
@@ -263,16 +264,18 @@ class GaussianMixture(Estimator):
             raise ValueError("; ".join(wrong))
 
     def _search(self, rows: Rows, scale: FloatArray, ridge: FloatArray) -> Parameters:
-        """Return the most likely of `n_starts` mixtures fitted to at most `START_ROWS` of the rows."""
+        """Return where EM begins: an M step with the responsibilities of the most likely of `n_starts` mixtures."""
         generator = np.random.default_rng(self.random_state)
+        part = rows
         if len(rows) > START_ROWS:
-            rows = rows[np.sort(generator.choice(len(rows), START_ROWS, replace=False))]
+            part = rows[np.sort(generator.choice(len(rows), START_ROWS, replace=False))]
         runs: list[Run] = []
         for _ in range(self.n_starts):
-            labels = k_means(rows / scale, self.n_components, generator)
-            start = moments_of(rows, np.eye(self.n_components)[labels], ridge)
-            runs.append(maximise(rows, start, ridge, self.max_iterations, self.tolerance))
-        return max(runs, key=lambda run: run.log_likelihoods[-1]).parameters
+            labels = k_means(part / scale, self.n_components, generator)
+            start = moments_of(part, np.eye(self.n_components)[labels], ridge)
+            runs.append(maximise(part, start, ridge, self.max_iterations, self.tolerance))
+        best = max(runs, key=lambda run: run.log_likelihoods[-1]).parameters
+        return best if part is rows else step(rows, best, ridge)
 
     def _keep(self, parameters: Parameters) -> None:
         self._parameters = parameters

@@ -6,14 +6,14 @@ MP's upper level says which type of path a window is on, its lower level is one 
     n₁ = 3    one for each own path label, the cluster of the segment at t
     n₁ = 27   one for each path type, the labels of the previous, the own and the next segment (MP eq. 8)
 
-MP clusters into three labels, hence its 3 and 27; with another number of clusters there are as many regressions as there
-are labels or triples of labels.
+MP clusters into three labels, hence its 3 and 27; another number of clusters gives as many regressions as there are
+labels, or triples of labels.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 

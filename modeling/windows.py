@@ -59,25 +59,21 @@ class Series:
             table: Columns `recording` and those of `DATASET`, as `Project.dataset(driver)` returns them.
             period: ns between two rows of a run.
         """
-        column = {
-            name: table[name].to_numpy()
-            for name in (
-                "recording", "run", "segment", "fold", "course_deviation", "speed", "steering_wheel_angle", "lookahead",
-            )
-        }  # fmt: skip
         time: NDArray[np.int64] = table["time"].cast(pa.int64()).to_numpy()
-        recording = column["recording"].astype(str)
+        recording = table["recording"].to_numpy().astype(str)
         new_recording = _changes(recording)
-        new_stretch = new_recording | _changes(column["run"])
+        new_stretch = new_recording | _changes(table["run"].to_numpy())
         new_stretch[1:] |= np.diff(time) != period
         return cls(
-            recording,
-            time,
-            np.cumsum(new_stretch) - 1,
-            *(column[name].astype(np.float64) for name in ("course_deviation", "speed", "steering_wheel_angle")),
-            column["lookahead"].astype(np.float64),
-            np.cumsum(new_recording | _changes(column["segment"])) - 1,
-            column["fold"].astype(np.int64),
+            recording=recording,
+            time=time,
+            stretch=np.cumsum(new_stretch) - 1,
+            course_deviation=table["course_deviation"].to_numpy(),
+            speed=table["speed"].to_numpy(),
+            steering_wheel_angle=table["steering_wheel_angle"].to_numpy(),
+            lookahead=table["lookahead"].to_numpy(),
+            segment=np.cumsum(new_recording | _changes(table["segment"].to_numpy())) - 1,
+            fold=table["fold"].to_numpy().astype(np.int64),
         )
 
     @property

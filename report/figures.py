@@ -291,12 +291,13 @@ def errors_of_models(scores: Sequence[Score]) -> go.Figure:
             )
     figure.update_yaxes(
         tickvals=list(range(len(scores))),
-        ticktext=[_short(score.label) for score in scores],
+        ticktext=[plain(score.label) for score in scores],
         range=[len(scores) - 0.4, -0.6],
         zeroline=False,
         automargin=True,
     )
     figure.update_xaxes(rangemode="tozero")
+    figure.update_layout(legend={"y": 1.02, "yanchor": "bottom"})
     return figure
 
 

@@ -205,8 +205,8 @@ def lookahead_table(driver: str, scores: Sequence[Score]) -> Table:
         for score in scores
     ]
     caption = (
-        f"{driver}: error of the predicted lookahead distance, mean ± standard deviation over the folds; “sd” is the "
-        "standard deviation that the model itself states."
+        f"{driver}: error of the predicted lookahead distance, mean ± standard deviation over the folds; ★ is the "
+        "smallest. “sd” is the standard deviation that the model itself states (PP eq. 22 and 23)."
     )
     return Table(caption, columns, rows)
 
@@ -236,7 +236,8 @@ def motion_primitives_table(driver: str, scores: Sequence[Score]) -> Table:
     ]
     caption = (
         f"{driver}: error of the predicted steering wheel angle, mean ± standard deviation over the folds "
-        "(MP, Table II); “var” is the variance that the model states, and the bands should hold what they promise."
+        "(MP, Table II); ★ is the smallest. “var” is the variance that the model states; its bands should hold what "
+        "they promise."
     )
     return Table(caption, columns, rows)
 

@@ -113,7 +113,7 @@ class Events(Section):
         default=0.02,
         gt=0,
         lt=1,
-        description="share of a driver's driving that one detector may call an emergency; "
+        description="share of a driver's driving, of five minutes at least, that one detector may call an emergency; "
         "for a driver who exceeds a threshold more often, as in racing, it rises to that quantile of theirs",
     )
     minimum_duration: float = Field(default=0.3, ge=0, description="s; shorter excursions are ignored")

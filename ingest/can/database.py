@@ -223,6 +223,9 @@ def _load(name: str, base: Path, problems: list[InputError]) -> list[MessageLayo
         line = re.search(r"line (\d+)", said)
         reason = f"cantools cannot read this {kind.upper()} file: {said}. Correct the file there, or export it again"
         raise InputError(path, f"line {line[1]}" if line else "", reason) from None
+    if not loaded.messages:
+        reason = "holds no messages; it is empty, cut off, or not the file that was meant. Export it again"
+        raise InputError(path, "", reason)
     layouts = []
     for message in loaded.messages:
         layout = _message_layout(message, name)
@@ -249,7 +252,7 @@ def _read(path: Path, name: str) -> bytes:
         near = _near(path.name, [*beside, *shipped])
         reason = (
             f"no such file{f'; did you mean {near}?' if near else '.'} "
-            f"A database is a shipped name ({', '.join(shipped)}) or a path from the project folder"
+            f"A database is a shipped name ({', '.join(shipped)}) or the path of a file"
         )
         raise InputError(path, "", reason) from None
     except OSError as error:
@@ -328,7 +331,7 @@ def _complaints(message: MessageLayout) -> list[str]:
         if signal.is_float and signal.length not in (16, 32, 64):
             complaints.append(f"signal {signal.name} is a float of {signal.length} bits, where 16, 32 and 64 exist")
         if not (abs(signal.scale) < _LARGEST and abs(signal.offset) < _LARGEST):
-            complaints.append(f"signal {signal.name} has no usable scale and offset ({signal.scale}, {signal.offset})")
+            complaints.append(f"signal {signal.name} has a scale or offset beyond {_LARGEST:g}")
         chain = [signal.name]
         while (parent := by_name[chain[-1]].multiplexer) is not None and len(chain) == len(set(chain)):
             if parent not in by_name:

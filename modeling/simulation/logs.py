@@ -50,9 +50,9 @@ MESSAGE_RATES = {
 UNKNOWN_RATES = {0x0D5: 20, 0x2B6: 10, 0x496: 2}
 """Hz; identifiers that no database of this car explains, as every real bus has many."""
 
-ERROR_ID = 0x008
+ERROR_ID = 0x088
 ERROR_PAYLOAD = np.array([0, 0, 0x02, 0, 0, 0, 0, 0], np.uint8)
-"""As SocketCAN has it: a violation of the protocol (0x008), of its form (0x02 in byte 2)."""
+"""As SocketCAN has it: a bus error (0x080), a violation of the protocol (0x008) in its form (0x02 in byte 2)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,8 +43,10 @@ def test_a_missing_navigation_log(project: Path, wheelprint: Command) -> None:
     answer = wheelprint("convert", "--project", project, "--workers", "1")
     assert answer.status == 3
     assert answer.problems == [
-        f"{project}/raw/{ONE}: : no navigation with a valid position; without it there is no path, and no dataset, "
-        "from this recording"
+        (
+            f"{project}/raw/{ONE}: : no navigation with a valid position; without it there is no path, and no dataset, "
+            "from this recording"
+        )
     ]
     assert TWO in synced_rows(project)
 
@@ -71,8 +73,10 @@ def test_a_signal_that_the_database_does_not_have(project: Path, wheelprint: Com
     answer = wheelprint("convert", "--project", project, "--workers", "1")
     assert answer.status == 3
     assert answer.problems == [
-        f"{project}/wheelprint.toml: can.signals.steering_wheel_angle: message STEER (0x11F) has no signal ANGEL; "
-        "did you mean ANGLE?"
+        (
+            f"{project}/wheelprint.toml: can.signals.steering_wheel_angle: message STEER (0x11F) has no signal ANGEL; "
+            "did you mean ANGLE?"
+        )
     ]
     table = Project(project).synced()
     assert table["steering_wheel_angle"].null_count == len(table)
@@ -159,8 +163,10 @@ def test_a_folder_that_is_no_project(command: str, tmp_path: Path, wheelprint: C
     answer = wheelprint(command, "--project", tmp_path)
     assert answer.status == 1
     assert answer.problems == [
-        f"{tmp_path}/wheelprint.toml: : no such file. A project is a folder with this file; "
-        "`wheelprint init` writes one"
+        (
+            f"{tmp_path}/wheelprint.toml: : no such file. A project is a folder with this file; "
+            "`wheelprint init` writes one"
+        )
     ]
 
 

@@ -179,6 +179,27 @@ def test_a_decision_stays_and_takes_its_stretch_out_of_new_proposals() -> None:
     ]
 
 
+def test_a_remaining_padding_is_no_proposal() -> None:
+    decided = [event(1000, 2000, "normal"), event(4000, 5000, "emergency")]
+    new = [
+        event(500, 2500),  # 500 ms of padding on both sides
+        event(499, 2501),
+        event(1500, 4500),  # between two decisions
+        event(6000, 6100),  # short, but nobody looked at it
+        replace(event(900, 2100), kind="standstill"),
+    ]
+    assert merge_proposals(decided, new, 500 * MS) == [
+        event(499, 1000),
+        replace(event(900, 1000), kind="standstill"),
+        event(1000, 2000, "normal"),
+        replace(event(2000, 2100), kind="standstill"),
+        event(2000, 2501),
+        event(2000, 4000),
+        event(4000, 5000, "emergency"),
+        event(6000, 6100),
+    ]
+
+
 @given(
     st.lists(st.tuples(st.integers(0, 40), st.integers(1, 20), st.sampled_from(["normal", "emergency", "proposed"]))),
     st.lists(st.tuples(st.integers(0, 40), st.integers(1, 20))),

@@ -27,7 +27,7 @@ def test_the_table_is_that_of_the_time_zone_database() -> None:
             assert (clock, sign) == ("23:59:60", "+")
             published.append(datetime.strptime(f"{year} {month} {day}Z", "%Y %b %d%z").date() + timedelta(days=1))
     since_gps = [date.isoformat() for date in published if date.year > 1980]
-    assert LEAP_SECONDS == (("1980-01-06", 0), *((date, n) for n, date in enumerate(since_gps, 1)))
+    assert (("1980-01-06", 0), *((date, n) for n, date in enumerate(since_gps, 1))) == LEAP_SECONDS
 
 
 @pytest.mark.parametrize(

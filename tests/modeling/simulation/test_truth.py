@@ -88,9 +88,7 @@ def test_accelerations_are_the_derivatives_of_the_velocity(eventful: SimpleNames
     truth = eventful.truth
     course, heading = np.radians(truth["course"]), np.radians(truth["heading"])
     moving = (truth["speed"][:-2] > 0) & (truth["speed"][2:] > 0)
-    rate = [
-        (v[2:] - v[:-2]) / (2 * DT) for v in (truth["speed"] * np.cos(course), truth["speed"] * np.sin(course))
-    ]
+    rate = [(v[2:] - v[:-2]) / (2 * DT) for v in (truth["speed"] * np.cos(course), truth["speed"] * np.sin(course))]
     middle = heading[1:-1]
     for name, expected in (
         ("longitudinal_acceleration", rate[0] * np.cos(middle) + rate[1] * np.sin(middle)),
@@ -163,7 +161,8 @@ def test_geodetic_positions(eventful: SimpleNamespace) -> None:
     assert np.abs(x - truth["x"]).max() < 1e-4
     assert np.abs(y - truth["y"]).max() < 1e-4
     assert np.abs(truth["altitude"] - origin["altitude"]).max() < 0.02
-    assert (39.8, 116.2) < (origin["latitude"], origin["longitude"]) < (40.1, 116.5)
+    assert 39.8 < origin["latitude"] < 40.1
+    assert 116.2 < origin["longitude"] < 116.5
 
 
 def test_emergencies_are_what_they_say(eventful: SimpleNamespace) -> None:
