@@ -22,6 +22,7 @@ from ..schemas.signals import SIGNALS
 from ..schemas.store import Manifest, describe_output, fingerprint, publish_table, read_table
 from ..schemas.tables import DATASET
 from ..schemas.tasks import Outcome, Task
+from .calibration import estimate_steering
 from .detectors import propose_events
 from .drive import Drive, Steering, core_columns, derive
 from .events import Event, merge_proposals, read_events, write_events
@@ -50,16 +51,19 @@ def plan_build(project: Project, cluster: PathClustering) -> tuple[list[Task], l
         InputError: No recording is converted yet, `events.csv` is wrong, or the steering cannot be calibrated.
     """
     config = project.config
+    period = config.sync.period
     synced, problems = _synced_files(project)
-    steering = _calibrate(project, synced)
     proposals: list[Event] = []
+    steered: list[Floats] = []
     for driver, files in synced.items():
         tables = {f"{driver}/{name}": read_table(project.directory / file) for name, (file, _) in files.items()}
-        proposals += propose_events(tables, config.events, config.sync.period)
+        proposals += propose_events(tables, config.events, period)
+        steered += [_steering_series(table) for table in tables.values()]
     padding = round(config.events.padding * 1e9)
     write_events(project.events_file, merge_proposals(read_events(project.events_file), proposals, padding))
     events = read_events(project.events_file)
     problems += _stray_events(project, events)
+    steering = _calibrate(project, synced, steered, problems)
 
     tasks = []
     for driver, files in synced.items():
@@ -198,11 +202,64 @@ def _synced_files(project: Project) -> tuple[dict[str, dict[str, tuple[str, str]
     return files, problems
 
 
-def _calibrate(project: Project, synced: Mapping[str, Mapping[str, tuple[str, str]]]) -> Steering:
-    """Estimate what the project file does not say of the steering, over all recordings, and tell the manifest."""
-    vehicle = project.config.vehicle
-    assert vehicle.steering_ratio != "estimate" and vehicle.steering_offset != "estimate"
-    return Steering(vehicle.steering_ratio, vehicle.steering_offset)
+def _steering_series(table: pa.Table) -> Floats:
+    """Return steering wheel angle, yaw rate and speed of a recording (3, n_samples + 1), NaN in gaps and at the end."""
+
+    def first_of(first: str, second: str) -> Floats:
+        preferred: Floats = table[first].to_numpy().copy()
+        missing = np.isnan(preferred)
+        preferred[missing] = table[second].to_numpy()[missing]
+        return preferred
+
+    series = np.full((3, len(table) + 1), np.nan)
+    series[:, :-1] = (
+        table["steering_wheel_angle"].to_numpy(),
+        first_of("nav_yaw_rate", "yaw_rate"),
+        first_of("nav_speed", "speed"),
+    )
+    series[:, :-1][:, table["run"].is_null().to_numpy()] = np.nan
+    return series
+
+
+def _calibrate(
+    project: Project,
+    synced: Mapping[str, Mapping[str, tuple[str, str]]],
+    steered: Sequence[Floats],
+    problems: list[InputError],
+) -> Steering:
+    """Estimate what the project file does not say of the steering from all recordings, and tell the manifest."""
+    config, manifest = project.config, Manifest(project.directory)
+    vehicle = config.vehicle
+    ratio = None if vehicle.steering_ratio == "estimate" else vehicle.steering_ratio
+    offset = None if vehicle.steering_offset == "estimate" else vehicle.steering_offset
+    made_from = fingerprint([__version__, synced, config.sync.rate, vehicle.wheelbase, ratio, offset])
+    entry = manifest.content.get("calibration", {})
+    if entry.get("fingerprint") != made_from:
+        wheel, yaw_rate, speed = np.concatenate(steered, axis=1)
+        found = estimate_steering(
+            wheel, yaw_rate, speed, vehicle.wheelbase, ratio=ratio, offset=offset, rate=config.sync.rate
+        )
+        entry = {
+            "fingerprint": made_from,
+            "steering_ratio": found.ratio,
+            "steering_ratio_standard_error": found.ratio_standard_error,
+            "steering_offset_deg": found.offset,
+            "steering_offset_deg_standard_error": found.offset_standard_error,
+            "understeer_deg_per_m_s2": found.understeer,
+            "samples": found.samples,
+            "estimated": [
+                name for name, given in (("steering_ratio", ratio), ("steering_offset", offset)) if given is None
+            ],
+            "reason": found.reason,
+        }
+        manifest.put("calibration", entry)
+    told = {"steering_ratio": entry["steering_ratio"], "steering_offset": entry["steering_offset_deg"]}
+    where = ", ".join(f"vehicle.{name}" for name, value in told.items() if value is None)
+    if where:
+        empty = [name for name, values in zip(CALIBRATED, np.concatenate(steered, axis=1), strict=True)
+                 if np.isnan(values).all()]
+        ...
+    return Steering(**...)
 
 
 def _stray_events(project: Project, events: Sequence[Event]) -> list[InputError]:
@@ -233,18 +290,21 @@ def _path_clusters(
     """Cluster a driver's segments, into fewer clusters than asked for where the segments do not determine so many."""
     settings = config.segments
     most = len(features) // SEGMENTS_PER_CLUSTER
-    clusters = settings.clusters
-    if clusters != "bic" and clusters > max(most, 1):
+    labels: Integers = np.ones(len(features), np.int64)
+    means, weights = features.mean(axis=0, keepdims=True), np.ones(1)
+    bic: list[tuple[int, float]] = []
+    if most > 0:
+        asked = settings.clusters if settings.clusters == "bic" else min(settings.clusters, most)
+        maximum = min(settings.maximum_clusters, most)
+        labels, means, weights, bic = cluster(features, asked, maximum, config.dataset.seed)
+    found = len(weights)
+    if settings.clusters != "bic" and found < settings.clusters:
         reason = (
-            f"driver {driver!r}: {clusters} clusters were asked for, but {len(features)} segments determine "
-            f"{max(most, 1)} at most ({SEGMENTS_PER_CLUSTER} segments each), which is what there are now; "
-            'ask for fewer, write "bic", or add recordings'
+            f"driver {driver!r}: {settings.clusters} clusters were asked for, and {len(features)} segments give "
+            f'{found}; ask for fewer, write "bic", or add recordings'
         )
         problems.append(InputError(project / "wheelprint.toml", "segments.clusters", reason))
-        clusters = max(most, 1)
-    if most == 0:
-        return np.ones(len(features), np.int64), features.mean(axis=0, keepdims=True), np.ones(1), []
-    return cluster(features, clusters, min(settings.maximum_clusters, most), config.dataset.seed)
+    return labels, means, weights, bic
 
 
 def _table(drive: Drive, labels: Integers, fold: NDArray[np.int16]) -> pa.Table:

@@ -14,13 +14,12 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from ..schemas.errors import InputError
 from ..schemas.project import Project
 from ..schemas.store import read_table
+from .event_plots import PANELS, plot
 from .events import Event, format_stamp, read_events, write_events
 
 if TYPE_CHECKING:
@@ -29,47 +28,6 @@ if TYPE_CHECKING:
     from starlette.responses import Response
 
 ADDRESS = "127.0.0.1"
-CONTEXT = 8.0
-"""s shown before and after an event."""
-LONGEST_TRACE = 1200
-"""Samples of a line; of a longer one every second, third, … is drawn."""
-
-_Style = Literal["solid", "dashed"]
-
-
-@dataclass(frozen=True, slots=True)
-class _Panel:
-    """What one small plot shows.
-
-    Attributes:
-        title: Name of the quantity.
-        unit: Unit of the axis.
-        factor: From the stored unit to that of the axis.
-        least: Range of the axis that is always shown, so that noise does not look like an event.
-        lines: Name, style and columns of each line; the first column that holds anything is drawn.
-    """
-
-    title: str
-    unit: str
-    factor: float
-    least: tuple[float, float]
-    lines: tuple[tuple[str, _Style, tuple[str, ...]], ...]
-
-
-_PANELS = (
-    _Panel("Speed", "km/h", 3.6, (0, 20), (("", "solid", ("nav_speed", "speed")),)),
-    _Panel(
-        "Acceleration",
-        "m/s²",
-        1.0,
-        (-4, 4),
-        (
-            ("longitudinal", "solid", ("longitudinal_acceleration", "nav_longitudinal_acceleration")),
-            ("lateral", "dashed", ("lateral_acceleration", "nav_lateral_acceleration")),
-        ),
-    ),
-    _Panel("Steering wheel angle", "°, positive left", 1.0, (-45, 45), (("", "solid", ("steering_wheel_angle",)),)),
-)
 
 
 def create_app(project: Project, token: str, *, reviewer: str | None = None) -> Starlette:
@@ -103,9 +61,7 @@ def create_app(project: Project, token: str, *, reviewer: str | None = None) -> 
             f"default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; connect-src 'self'; "
             "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
         )
-        text = page.render(
-            nonce=nonce, state=state, person=person, cards=list(_cards(project, events)), context=CONTEXT
-        )
+        text = page.render(nonce=nonce, state=state, person=person, cards=list(_cards(project, events)))
         return HTMLResponse(text, headers={"content-security-policy": policy, **_HEADERS})
 
     async def decide(request: Request) -> Response:
@@ -239,7 +195,7 @@ def _cards(project: Project, events: Sequence[Event]) -> Iterator[dict[str, Any]
             "event": event,
             "start": format_stamp(event.start).replace("T", " ").removesuffix("Z"),
             "seconds": (event.stop - event.start) / 1e9,
-            "plots": [] if table is None else [plot(panel, table, event) for panel in _PANELS],
+            "plots": [] if table is None else [plot(panel, table, event) for panel in PANELS],
         }
 
 
@@ -247,98 +203,3 @@ def _synced(project: Project, recording: str) -> pa.Table | None:
     driver, _, name = recording.partition("/")
     path = project.synced_file(driver, name)
     return read_table(path) if path.is_file() else None
-
-
-@dataclass(frozen=True, slots=True)
-class Plot:
-    """A small plot in the coordinates of its drawing.
-
-    Attributes:
-        title: Name of the quantity.
-        unit: Unit of the vertical axis.
-        lines: Name, style and SVG path of each line.
-        marks_x: Position and label of the marks of the time axis, s from the event's start.
-        marks_y: Position and label of the marks of the vertical axis.
-        start: Left edge of the event.
-        stop: Right edge of the event.
-    """
-
-    title: str
-    unit: str
-    lines: list[tuple[str, _Style, str]]
-    marks_x: list[tuple[float, str]]
-    marks_y: list[tuple[float, str]]
-    start: float
-    stop: float
-
-
-LEFT, RIGHT, TOP, BOTTOM = 46.0, 392.0, 8.0, 122.0
-
-
-def plot(panel: _Panel, table: pa.Table, event: Event) -> Plot:
-    """Draw one panel around an event.
-
-    Args:
-        panel: What to draw.
-        table: Synced table of the event's recording.
-        event: What to draw around; `CONTEXT` seconds before and after it are shown.
-    """
-    time = table["time"].cast(pa.int64()).to_numpy()
-    margin = round(CONTEXT * 1e9)
-    rows = slice(*np.searchsorted(time, (event.start - margin, event.stop + margin)))
-    step = -(-(rows.stop - rows.start) // LONGEST_TRACE) or 1
-    rows = slice(rows.start, rows.stop, step)
-    seconds = (time[rows] - event.start) / 1e9
-    run = table["run"].to_numpy(zero_copy_only=False)[rows].astype(float)
-    broken = np.isnan(run) | (np.diff(run, prepend=np.nan) != 0)
-    lines = [(name, style, _first(table, columns, rows) * panel.factor) for name, style, columns in panel.lines]
-
-    begin, end = -CONTEXT, (event.stop - event.start) / 1e9 + CONTEXT
-    drawn = np.concatenate([values for _, _, values in lines])
-    finite = drawn[np.isfinite(drawn)]
-    low, high = (float(function((*panel.least, *finite))) for function in (min, max))
-
-    def x(value: Any) -> Any:
-        return LEFT + (RIGHT - LEFT) * (value - begin) / (end - begin)
-
-    def y(value: Any) -> Any:
-        return BOTTOM - (BOTTOM - TOP) * (value - low) / (high - low)
-
-    return Plot(
-        panel.title,
-        panel.unit,
-        [(name, style, _path(x(seconds), y(values), broken)) for name, style, values in lines],
-        [(float(x(mark)), f"{mark:g}") for mark in _marks(begin, end, 8)],
-        [(float(y(mark)), f"{mark:g}") for mark in _marks(low, high, 4)],
-        float(x(0.0)),
-        float(x(end - CONTEXT)),
-    )
-
-
-def _first(table: pa.Table, columns: Sequence[str], rows: slice) -> NDArray[np.float64]:
-    """Return the first of the columns that holds anything in these rows, NaN where it is null."""
-    for column in columns:
-        values: NDArray[np.float64] = table[column].to_numpy(zero_copy_only=False)[rows].astype(np.float64)
-        if np.isfinite(values).any():
-            return values
-    return np.full(len(range(*rows.indices(len(table)))), np.nan)
-
-
-def _path(x: NDArray[np.float64], y: NDArray[np.float64], broken: NDArray[np.bool_]) -> str:
-    """Return an SVG path that breaks where a value is missing and where a run begins."""
-    parts = []
-    pen_down = False
-    for px, py, breaks in zip(x.tolist(), y.tolist(), broken.tolist(), strict=True):
-        if py != py:  # noqa: PLR0124  NaN
-            pen_down = False
-            continue
-        parts.append(f"{'L' if pen_down and not breaks else 'M'}{px:.1f} {py:.1f}")
-        pen_down = True
-    return "".join(parts)
-
-
-def _marks(low: float, high: float, at_most: int) -> list[float]:
-    """Return the multiples of 1, 2 or 5 times a power of ten within [low, high], at most so many."""
-    step = 10.0 ** np.floor(np.log10((high - low) / at_most))
-    step = next(step * nice for nice in (1, 2, 5, 10) if (high - low) / (step * nice) <= at_most - 1 or nice == 10)
-    return [round(number * step, 9) + 0.0 for number in range(int(np.ceil(low / step)), int(high // step) + 1)]

@@ -158,7 +158,7 @@ def _clipped(values: Values) -> Values:
     return np.clip(np.where(present, values, 0.0), -bound, bound)
 
 
-def refine(signals: Sequence[Signal], grid_time: Times, shift_s: float, period: int, max_gap: int) -> Fit:
+def refine(signals: Sequence[Signal], grid_time: Times, shift_s: float, period: int, max_gap: int) -> Fit | None:
     """Refine a shift, and estimate the drift, in ``first(t) = scale·second(t - shift - gain·share) + bias``.
 
     `share` runs from 0 to 1 over the grid; scale and bias are free for each signal, and the bias vanishes in the
@@ -171,6 +171,9 @@ def refine(signals: Sequence[Signal], grid_time: Times, shift_s: float, period: 
         shift_s: Where to start from, s, right to half a window.
         period: Period of the grid, ns.
         max_gap: Longest gap of the second clock's samples that is bridged, ns.
+
+    Returns:
+        The fit; None where a signal has less than half a minute of changes on both clocks.
     """
     n = 2 + len(signals)
     span = int(grid_time[-1] - grid_time[0])
@@ -182,6 +185,8 @@ def refine(signals: Sequence[Signal], grid_time: Times, shift_s: float, period: 
     for _ in range(ITERATIONS):
         time = grid_time - np.rint((shift_s + gain_s * share) * SECOND).astype(np.int64)
         terms = [_linearise(signal, time, share, period, max_gap) for signal in signals]
+        if min(len(term.rows) for term in terms) * period < MINIMUM_OVERLAP_S * SECOND:
+            return None
         normal, gradient = prior.copy(), -prior[:, 1] * gain_s
         for k, term in enumerate(terms):
             columns = np.array([0, 1, 2 + k])

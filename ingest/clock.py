@@ -21,6 +21,7 @@ PROMISING_CORRELATION = 0.7
 MINIMUM_CORRELATION = 0.9
 MAXIMUM_STANDARD_ERROR_S = 0.020
 MAXIMUM_DRIFT_PPM = 300.0
+LONGEST_DAYS = 7
 ADVICE = "; if the offset is known, give it as sync.clock in seconds"
 
 Series: TypeAlias = tuple[Times, Values]
@@ -109,8 +110,13 @@ def estimate_clock(
     period = max(round(PERIOD_S * SECOND), 2 * sampling + 1)
     max_gap = max(round(BRIDGED_GAP_S * SECOND), 3 * sampling)
 
-    can_grid = _common_grid([can[name][0] for name in names], period)
-    nav_grid = _common_grid([nav[name][0] for name in names], period)
+    can_span, nav_span = (_span([side[name][0] for name in names]) for side in (can, nav))
+    for side, (start, stop) in (("CAN", can_span), ("navigation", nav_span)):
+        days = (stop - start) / SECOND / 86400
+        if days > LONGEST_DAYS:
+            reason = f"the stamps of {side} span {days:.0f} days, its clock was set on the way"
+            return ClockEstimate.trusted(reason)
+    can_grid, nav_grid = grid(*can_span, period), grid(*nav_span, period)
     signals = [Signal(name, resample(*can[name], can_grid, "mean", max_gap, period), nav[name]) for name in names]
     compared = [
         (
@@ -125,37 +131,44 @@ def estimate_clock(
         anywhere = search(compared, period / SECOND, start_s, None)
         if anywhere is not None and max(anywhere.correlations) >= PROMISING_CORRELATION:
             peak = anywhere
+    apart = (
+        f"no overlap: CAN and navigation have less than {MINIMUM_OVERLAP_S:.0f} s of driving in common within "
+        f"±{max_offset_s:g} s, and do not agree elsewhere{ADVICE}"
+    )
     if peak is None:
-        reason = (
-            f"no overlap: CAN and navigation have less than {MINIMUM_OVERLAP_S:.0f} s of driving in common within "
-            f"±{max_offset_s:g} s, and nowhere else do they agree{ADVICE}"
-        )
-        return ClockEstimate.trusted(reason)
-    best = max(peak.correlations)
-    if best == 0:
+        return ClockEstimate.trusted(apart)
+    enough = 0.5 * max(peak.correlations)
+    telling = [signal for signal, r in zip(signals, peak.correlations, strict=True) if r > enough]
+    if not telling:
         return ClockEstimate.trusted(f"too little excitation: neither speed nor yaw rate changes{ADVICE}")
-    telling = [signal for signal, r in zip(signals, peak.correlations, strict=True) if r > 0.5 * best]
     fit = refine(telling, can_grid, peak.shift_s, period, max_gap)
+    if fit is None:
+        return ClockEstimate.trusted(apart)
     drift_ppm = 1e6 * fit.gain_s * SECOND / int(can_grid[-1] - can_grid[0])
-    doubt = _doubt(fit, peak, drift_ppm)
-    alone = [
-        (s.name, fit if len(telling) == 1 else refine([s], can_grid, peak.shift_s, period, max_gap)) for s in telling
-    ]
-    said = " and ".join(f"{name} ({one.shift_s:.3f} ± {one.standard_error_s:.3f} s)" for name, one in alone)
+    reason = _doubt(fit, peak, drift_ppm)
+    applied = not reason
+    if applied:
+        single = [fit] if len(telling) == 1 else [refine([s], can_grid, fit.shift_s, period, max_gap) for s in telling]
+        said = [
+            f"{signal.name} ({one.shift_s:.3f} ± {one.standard_error_s:.3f} s)"
+            for signal, one in zip(telling, single, strict=True)
+            if one is not None
+        ]
+        reason = f"estimated from {' and '.join(said)}"
     return ClockEstimate(
-        offset_s=0.0 if doubt else fit.shift_s,
-        drift_ppm=0.0 if doubt else drift_ppm,
+        offset_s=fit.shift_s if applied else 0.0,
+        drift_ppm=drift_ppm if applied else 0.0,
         residual_ms=1e3 * fit.residual_s,
         standard_error_ms=1e3 * fit.standard_error_s,
         correlation=fit.correlation,
-        applied=not doubt,
-        reason=doubt or f"estimated from {said}",
+        applied=applied,
+        reason=reason,
         reference=int(can_grid[0]),
     )
 
 
-def _common_grid(times: Sequence[Times], period: int) -> Times:
-    return grid(min(int(time.min()) for time in times), max(int(time.max()) for time in times) + 1, period)
+def _span(times: Sequence[Times]) -> tuple[int, int]:
+    return min(int(time.min()) for time in times), max(int(time.max()) for time in times) + 1
 
 
 def _doubt(fit: Fit, peak: Peak, drift_ppm: float) -> str:
@@ -169,8 +182,8 @@ def _doubt(fit: Fit, peak: Peak, drift_ppm: float) -> str:
         return f"ambiguous: offsets of {peak.shift_s:.1f} s and {peak.rival_s:.1f} s explain the signals alike{ADVICE}"
     if not fit.converged or abs(drift_ppm) > MAXIMUM_DRIFT_PPM:
         return (
-            f"no offset near {peak.shift_s:.1f} s with a drift within ±{MAXIMUM_DRIFT_PPM:.0f} ppm fits throughout; the "
-            f"CAN clock may have been set on the way{ADVICE}"
+            f"no offset near {peak.shift_s:.1f} s with a drift within ±{MAXIMUM_DRIFT_PPM:.0f} ppm fits throughout; "
+            f"the CAN clock may have been set on the way{ADVICE}"
         )
     if fit.standard_error_s > MAXIMUM_STANDARD_ERROR_S:
         return (

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import gzip
 import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, cast
 
@@ -73,7 +73,8 @@ def recognise(path: Path) -> Reader:
     """
     head = _head(path)
     if not head:
-        raise InputError(path, "", "the file is empty; the logger may have been stopped before it wrote anything")
+        reason = "holds nothing: empty, or gzip damaged from its start; the logger may have been stopped too early"
+        raise InputError(path, "", reason)
     claims = [reader for reader in READERS if reader.sniff(head)]
     if len(claims) == 1:
         return claims[0](path)
@@ -159,13 +160,17 @@ def _head(path: Path) -> bytes:
     try:
         with path.open("rb") as raw:
             head = raw.read(HEAD)
-        if not head.startswith(b"\x1f\x8b"):
-            return head
-        with gzip.open(path) as content:
-            return content.read(HEAD)
     except FileNotFoundError:
         raise InputError(path, "", "no such file; check the path, or whether the disk is mounted") from None
-    except (EOFError, zlib.error, gzip.BadGzipFile):
-        return zlib.decompressobj(wbits=31).decompress(head, HEAD)
     except OSError as error:
         raise InputError(path, "", f"cannot be read: {error.strerror or error}") from None
+    return _inflate(head) if head.startswith(b"\x1f\x8b") else head
+
+
+def _inflate(head: bytes) -> bytes:
+    """Return what of a gzip file's beginning can be decompressed, damage or not."""
+    inflater, content = zlib.decompressobj(wbits=31), b""
+    with suppress(zlib.error):
+        for start in range(0, len(head), 1024):
+            content += inflater.decompress(head[start : start + 1024])
+    return content[:HEAD]

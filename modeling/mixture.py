@@ -35,8 +35,8 @@ class GaussianMixture(Estimator):
     """A mixture of k Gaussians with full covariances.
 
     `fit` follows scikit-learn's conventions and gives its numbers from the same start. The start is the most likely of
-    `n_starts` runs of k-means and EM on at most 20,000 rows; EM on all rows begins with its responsibilities. E and M step are one
-    pass in chunks of rows, so that beside `X` a few megabytes are needed.
+    `n_starts` runs of k-means and EM on at most 20,000 rows; EM on all rows begins with its responsibilities. E and M
+    step are one pass in chunks of rows, so that beside `X` a few megabytes are needed.
 
     A component is dropped when it has collapsed: fewer effective rows (sum of responsibilities) than `n_features + 1`,
     so that its covariance is made of regularisation alone in some direction, or a covariance that is not positive

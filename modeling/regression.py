@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal, Self, overload
 
 import numpy as np
@@ -105,6 +105,27 @@ class MixtureRegression(Estimator):
         regression._condition(mixture.marginal(chosen), len(inputs), single_output=single_output)
         return regression
 
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
+        """Return the regression that `arrays` was taken from; raises ValueError where they do not belong together."""
+        joint = GaussianMixture.from_parameters(arrays["weights"], arrays["means"], arrays["covariances"])
+        regression = cls(len(joint.weights_), faithful=bool(arrays["faithful"]))
+        single_output = bool(arrays["single_output"])
+        regression._condition(joint, joint.n_features_in_ - int(arrays["outputs"]), single_output=single_output)
+        return regression
+
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """Return what a file has to hold: the mixture of [x, y], inputs first, and the number of outputs."""
+        self._require_fit("matrices_")
+        return {
+            "weights": self.mixture_.weights_,
+            "means": self.mixture_.means_,
+            "covariances": self.mixture_.covariances_,
+            "outputs": np.array(self.n_outputs_),
+            "single_output": np.array(self._single_output),
+            "faithful": np.array(self.faithful),
+        }
+
     def fit(self, X: npt.ArrayLike, y: npt.ArrayLike) -> Self:
         """Fit the mixture of [x, y].
 
@@ -172,12 +193,13 @@ class MixtureRegression(Estimator):
             beta = self.responsibilities(rows[part])
             own = self._component_means(rows[part])
             mean[part] = np.einsum("nk,knm->nm", beta, own)
+            mixed = np.square(beta) if self.faithful else beta
+            offset = np.zeros_like(own) if self.faithful else np.sqrt(beta.T)[..., None] * (own - mean[part])
             if variance is not None:
-                variance[part] = self._spread(beta, np.square(own - mean[part]), self._conditional_variances)
+                variance[part] = mixed @ self._conditional_variances + np.square(offset).sum(axis=0)
             if covariance is not None:
-                offset = own - mean[part]
-                products = offset[..., :, None] * offset[..., None, :]
-                covariance[part] = self._spread(beta, products, self.conditional_covariances_)
+                between = np.matmul(offset.transpose(1, 2, 0), offset.transpose(1, 0, 2))
+                covariance[part] = np.tensordot(mixed, self.conditional_covariances_, axes=1) + between
         shape = (n,) if self._single_output else (n, m)
         if variance is not None:
             return mean.reshape(shape), np.sqrt(variance).reshape(shape)
@@ -249,12 +271,3 @@ class MixtureRegression(Estimator):
                 for mean_in, mean_out, matrix in zip(means_in, means_out, self.matrices_, strict=True)
             ]
         )
-
-    def _spread(self, beta: FloatArray, between: FloatArray, within: FloatArray) -> FloatArray:
-        """Return variances or covariances: `between` is (k, n_samples, …), `within` (k, …)."""
-        if self.faithful:
-            return np.tensordot(np.square(beta), within, axes=1).astype(np.float64, copy=False)
-        spread: FloatArray = np.tensordot(beta, within, axes=1)
-        for weight, square in zip(beta.T, between, strict=True):
-            spread += weight.reshape(-1, *(1,) * (square.ndim - 1)) * square
-        return spread

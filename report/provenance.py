@@ -42,6 +42,36 @@ def _flat(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, s
             yield prefix + key, value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 
+def signals_table(manifest: Mapping[str, Any]) -> Table:
+    """List what each canonical signal was read from, over all recordings."""
+    found: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
+    for _, entry in entries(manifest, "recordings"):
+        for name, signal in entry.get("signals", {}).items():
+            source = (f"{signal['message']}.{signal['signal']}", signal["unit"], signal["factor"], signal["channel"])
+            found.setdefault((name, *source), []).append(signal)
+    rows = []
+    for (name, source, unit, factor, channel), signals in sorted(found.items(), key=lambda item: str(item[0])):
+        lost = sum(signal.get("out_of_range", 0) for signal in signals)
+        rows.append(
+            [
+                text(name, "code"),
+                text(source, "code"),
+                text(channel),
+                text(unit),
+                text(f"{factor:.9g}".replace("-", "−")),
+                count(len(signals)),
+                count(sum(signal.get("samples", 0) for signal in signals)),
+                count(lost, "alert" if lost else ""),
+            ]
+        )
+    columns = [
+        Column("Signal", numeric=False), Column("From", numeric=False), Column("Bus", numeric=False),
+        Column("Unit of the database", numeric=False), Column("Factor to the stored unit"), Column("Recordings"),
+        Column("Samples"), Column("Out of range"),
+    ]  # fmt: skip
+    return Table("What the car's signals were read from; samples out of range are null.", columns, rows)
+
+
 def inputs_table(manifest: Mapping[str, Any]) -> Table:
     """List every file that was read, with its SHA-256."""
     rows = [

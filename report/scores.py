@@ -50,12 +50,14 @@ class Score:
 
     @property
     def label(self) -> str:
-        """Name and parameters in the papers' letters."""
-        letters = {"path_types": "n₁", "past_steps": "n₂", "future_steps": "n₃", "components": "n₄"}
-        if "regressors" in self.parameters or "path_types" not in self.parameters:
-            letters = {"components": "N", "regressors": "n₂"}
-        told = ", ".join(f"{letters[name]} = {value}" for name, value in self.parameters.items() if name in letters)
-        return f"{self.model} ({told})" if told else self.model
+        """Name and parameters in MP's letters; of a baseline, those that it depends on."""
+        letters = {"path_types": "n₁", "past_steps": "n₂", "components": "n₄"}
+        told = [
+            f"{letter} = {self.parameters[name]}"
+            for name, letter in letters.items()
+            if name in self.parameters and not (self.is_baseline and name == "path_types")
+        ]
+        return f"{self.model}, {', '.join(told)}".replace("-", "−") if told else self.model
 
 
 def read_scores(path: Path, columns: Sequence[str]) -> list[Score]:

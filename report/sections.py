@@ -18,7 +18,7 @@ from ..schemas.tables import LOOKAHEAD_COLUMNS, MOTION_PRIMITIVE_COLUMNS
 from . import figures, tables
 from .blocks import Block, Column, Facts, Figure, Gallery, Listing, Note, Section, Table
 from .drives import Drive, column, describe, readable
-from .provenance import inputs_table, parameters_table, versions_table
+from .provenance import inputs_table, parameters_table, signals_table, versions_table
 from .scores import read_scores
 from .tables import count, entries, number, text
 
@@ -104,6 +104,9 @@ class Content:
             if not entry["clock"]["applied"] and not self.trusted:
                 reason = entry["clock"]["reason"]
                 self.problems.append((key, f"the CAN clock was not aligned: {reason}; CAN and navigation may be apart"))
+        known = {name for name, _ in entries(self.manifest, "recordings")}
+        for name in sorted({event.recording for event in self.events} - known):
+            self.problems.append(("events.csv", f"events of {name!r}, which is no converted recording"))
         undecided = sum(event.decision == "proposed" for event in self.events)
         if undecided:
             reason = f"{undecided} proposed events are left out and nobody has looked at them yet: `wheelprint review`"
@@ -241,9 +244,9 @@ class Content:
         return [Note("No model of motion primitives was trained yet.", "wheelprint train")]
 
     def _provenance(self) -> list[Block]:
-        blocks: list[Block] = [versions_table(), parameters_table(self.config)]
-        blocks.append(inputs_table(self.manifest) if entries(self.manifest, "recordings") else NOTHING_CONVERTED)
-        return blocks
+        converted = bool(entries(self.manifest, "recordings"))
+        read = [signals_table(self.manifest), inputs_table(self.manifest)] if converted else [NOTHING_CONVERTED]
+        return [*read, versions_table(), parameters_table(self.config)]
 
 
 NOTHING_CONVERTED = Note("No recording was converted yet.", "wheelprint convert")

@@ -113,10 +113,11 @@ def export_mcap(project: Project, driver: str, recording: str, path: Path) -> in
         if events:
             streams.append(_logs(channel("/events", LOG), events))
         messages = 0
-        for messages, (time, number, content) in enumerate(heapq.merge(*streams), start=1):
+        for time, number, content in heapq.merge(*streams):
             writer.add_message(number, time, content, time)
+            messages += 1
         writer.add_metadata("wheelprint", {"driver": driver, "recording": recording, **_facts(entry, project)})
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates all but this one
     return messages
 
 

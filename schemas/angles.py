@@ -10,8 +10,10 @@ def wrap_degrees(angle: npt.ArrayLike) -> npt.NDArray[np.float64]:
     """Return angles in [-180, 180), of the same shape; what is there already comes back bit for bit, NaN stays NaN."""
     angle = np.asarray(angle, np.float64)
     wrapped = angle - 360.0 * np.floor((angle + 180.0) / 360.0)
-    # Just below -180 the sum rounds to the excluded end.
-    return np.where(wrapped >= 180.0, -180.0, wrapped)
+    inside = (angle >= -180.0) & (angle < 180.0)
+    # Within a rounding error of the ends the formula may leave the range.
+    beyond = (wrapped < -180.0) | (wrapped >= 180.0)
+    return np.where(inside, angle, np.where(beyond, -180.0, wrapped))
 
 
 def unwrap_degrees(angle: npt.ArrayLike) -> npt.NDArray[np.float64]:

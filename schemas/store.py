@@ -134,6 +134,11 @@ class Manifest:
             if output["path"] not in kept:
                 (self._project / output["path"]).unlink(missing_ok=True)
 
+    def put(self, section: str, content: Mapping[str, Any]) -> None:
+        """Put a section that is one record instead of entries, such as `calibration`, and save."""
+        self.content[section] = dict(content)
+        publish_json(self.path, self.content)
+
     def remove(self, section: str, name: str) -> None:
         """Remove an entry and the files it stood for: what could not be made again must not pass for current."""
         if self.entry(section, name):

@@ -84,15 +84,7 @@ class Candump:
         Raises:
             InputError: The file cannot be read.
         """
-        from .candump_lines import (
-            CUT,
-            FULL,
-            LONGEST_LINE,
-            LONGEST_NAME,
-            MOST_CHANNELS,
-            WIDE,
-            scan,
-        )
+        from .candump_lines import CUT, FULL, LONGEST_LINE, LONGEST_NAME, MOST_CHANNELS, WIDE, scan
 
         names, known = np.zeros((MOST_CHANNELS, 1 + LONGEST_NAME), np.uint8), 0
         rejected = np.empty((1024, 5), np.int64)
@@ -103,7 +95,7 @@ class Candump:
             if block is None and carry.strip():
                 account.truncated = True
                 account.reject(f"line {line}", f"the file ends within this line; found {_quote(carry.strip())}")
-                content = b""
+                content = b"\n"
             text, position, why = np.frombuffer(content, np.uint8), 0, FULL
             while why != CUT:
                 position, line, count, known, rejections, why = scan(

@@ -14,8 +14,8 @@ from .decode import raw_range
 def encode_payloads(layout: MessageLayout, values: Mapping[str, npt.ArrayLike]) -> npt.NDArray[np.uint8]:
     """Encode physical values, each rounded to the nearest raw value and limited to what its bits hold.
 
-    Bits of signals that are not given are 0, so are those of a signal where its value is NaN, and of a multiplexed one
-    where the multiplexer given selects others. Signals whose bits overlap are or-ed.
+    Bits of signals that are not given are 0, so are those of an integer signal where its value is NaN, and of a
+    multiplexed one where the multiplexer given selects others. Signals whose bits overlap are or-ed.
 
     Args:
         layout: The message.
@@ -65,7 +65,7 @@ def _raw_bits(signal: SignalLayout, values: npt.NDArray[np.generic]) -> npt.NDAr
         size = signal.length // 8
         with np.errstate(over="ignore"):
             floats = ((values.astype(np.float64) - signal.offset) / signal.scale).astype(f"f{size}")
-        return np.where(np.isnan(values.astype(np.float64)), 0, floats.view(f"u{size}")).astype(np.uint64)
+        return floats.view(f"u{size}").astype(np.uint64)
     low, high = raw_range(signal)
     bits: npt.NDArray[np.uint64]
     if values.dtype.kind in "iu" and (signal.scale, signal.offset) == (1, 0):

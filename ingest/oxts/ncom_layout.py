@@ -47,6 +47,8 @@ TIME_CHANNEL, POSITION_ACCURACY_CHANNEL, VELOCITY_ACCURACY_CHANNEL = 0, 3, 4
 ORIENTATION_ACCURACY_CHANNEL, UTC_CHANNEL = 5, 16
 FIRST_VALID_MINUTE = 1000
 """A smaller count of minutes since GPS began means that the unit does not know the time."""
+LAST_VALID_MINUTE = 100_000_000
+"""In the year 2170; a larger count is damage (and from 2262 on ns since 1970 do not fit into 64 bits)."""
 TOO_OLD = 150
 """An age (byte 6 of a status channel) from which on its content is not valid."""
 

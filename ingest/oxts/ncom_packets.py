@@ -16,7 +16,7 @@ from . import ncom_layout as layout
 from .ncom_time import Notices, Stamps, stamp_packets
 
 BATCH = 65_536
-"""Packets decoded at once; about 20 MB."""
+"""Packets decoded at once; about 11 MB."""
 CHUNK = 65_536
 """Compressed bytes read at once."""
 
@@ -180,9 +180,9 @@ def _notices(
 ) -> tuple[Notices, Notices]:
     """Return the valid GPS minutes (status channel 0) and differences UTC - GPS in seconds (status channel 16)."""
     holds_channel = layout.holds_channel(status)
-    minute_at = np.flatnonzero(holds_channel & (status != layout.RAW_IMU) & (channel == layout.TIME_CHANNEL))
+    minute_at = np.flatnonzero(holds_channel & (channel == layout.TIME_CHANNEL))
     minute = data[offset[minute_at, None] + np.arange(63, 67)].view("<i4")[:, 0].astype(np.int64)
-    valid = minute >= layout.FIRST_VALID_MINUTE
+    valid = (minute >= layout.FIRST_VALID_MINUTE) & (minute <= layout.LAST_VALID_MINUTE)
     utc_at = np.flatnonzero(holds_channel & (channel == layout.UTC_CHANNEL))
     coded = data[offset[utc_at] + 70].view(np.int8)
     told = (coded & 1).astype(bool)

@@ -43,7 +43,7 @@ class Stamps:
     Attributes:
         time: int64 (n,), ns since 1970, UTC; 0 where not known.
         known: bool (n,); never for a packet whose navigation status says that it carries no time.
-        doubts: By number of the packet: why it has no time although its status says so, or cannot be believed.
+        doubts: By number of the packet: why it has no time although its status says so, or why it is not believed.
         utc_from: Where the difference between GPS time and UTC comes from.
     """
 
@@ -66,7 +66,7 @@ def stamp_packets(
     Args:
         status: (n,) navigation status.
         milliseconds: (n,) into the GPS minute.
-        minutes: Valid GPS minutes, of packets that carry time or are status-only.
+        minutes: Valid GPS minutes; only those of packets that carry time or are status-only are used.
         utc_offsets: Valid UTC - GPS. Each holds until the next, the first one also before it; if there is none, the
             table of leap seconds is used.
     """
@@ -104,12 +104,11 @@ def stamp_packets(
     located = np.ones(len(packets), bool)
     for change in np.flatnonzero(start[1:] != start[:-1]).tolist():
         before, after = int(place[change]), int(place[change + 1])
-        steps = step[before:after]
-        if len(steps) == 0:
+        if after - before < 2:
             continue
-        longest = int(np.argmax(steps))
-        if len(steps) == 1 or steps[longest] > LONG_STEP * np.median(step):
-            starts[before + longest + 1 : after] = start[change + 1]
+        longest = before + int(np.argmax(step[before:after]))
+        if step[longest] > LONG_STEP * np.median(step):
+            starts[longest + 1 : after] = start[change + 1]
         else:
             located[before + 1 : after] = False
     for packet in packets[~located].tolist():
@@ -117,9 +116,6 @@ def stamp_packets(
             "the GPS minute changed somewhere between the channel 0 before and the one after it, without a step in the "
             "milliseconds; its minute cannot be known"
         )
-    for packet in doubts:
-        located[np.searchsorted(packets, packet) : np.searchsorted(packets, packet, "right")] = False
-
     gps = (count + starts) * 1_000_000
     if len(utc_offsets.packet):
         holding = np.maximum(np.searchsorted(utc_offsets.packet, packets, "right") - 1, 0)

@@ -494,9 +494,8 @@ def test_fewer_segments_fewer_clusters(tmp_path: Path) -> None:
     assert isinstance(outcome, Outcome)
     assert [str(problem) for problem in outcome.problems] == [
         (
-            f"{project.directory}/wheelprint.toml: segments.clusters: driver 'anna': 2 clusters were asked for, but 6 "
-            'segments determine 1 at most (10 segments each), which is what there are now; ask for fewer, write "bic", '
-            "or add recordings"
+            f"{project.directory}/wheelprint.toml: segments.clusters: driver 'anna': 2 clusters were asked for, and 6 "
+            'segments give 1; ask for fewer, write "bic", or add recordings'
         )
     ]
     assert isinstance(outcomes["Bö b"], Outcome)

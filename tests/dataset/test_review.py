@@ -36,15 +36,11 @@ def event(recording: str, at: int, kind: str = "swerve") -> Event:
 
 
 def synced(seconds: int) -> pa.Table:
-    """A drive at 36 km/h with a gap of navigation from 30 s to 31 s, and two runs that meet at 40 s."""
+    """A drive at 36 km/h."""
     time = START + np.arange(seconds * 10) * (SECOND // 10)
     columns: dict[str, Any] = {f.name: pa.nulls(len(time), f.type) for f in SYNCED}
     columns["time"] = pa.array(time).cast(SYNCED.field("time").type)
-    columns["run"] = pa.array(np.where(np.arange(len(time)) < 400, 0, 1), pa.int32())
-    columns["nav_speed"] = pa.array(
-        [None if 300 <= row < 310 else 10.0 for row in range(len(time))], pa.float64(), from_pandas=True
-    )
-    columns["steering_wheel_angle"] = pa.array(np.linspace(-100, 100, len(time)))
+    columns["nav_speed"] = pa.array(np.full(len(time), 10.0))
     return pa.table(columns, schema=SYNCED)
 
 
@@ -205,15 +201,6 @@ def test_the_page_shows_every_event_and_names_as_text(project: Project) -> None:
     ]
     assert len(page.all("script")) == 1
     assert len(page.all("svg")) == 9, "three plots for each event with a synced table"
-
-
-def test_a_line_breaks_at_a_gap_and_at_a_new_run(project: Project) -> None:
-    page = Page(request(project, "GET", f"/{TOKEN}/").text)
-    paths = [str(a["d"]) for a in page.all("path")]
-    assert len(paths) == 3 * 4
-    speed_across_runs, speed, speed_across_gap = paths[0], paths[4], paths[8]
-    assert [path.count("M") for path in (speed_across_runs, speed, speed_across_gap)] == [2, 1, 2]
-    assert paths[1] == "", "no acceleration was recorded"
 
 
 def test_the_page_allows_only_its_own_script_and_nothing_from_elsewhere(project: Project) -> None:

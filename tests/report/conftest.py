@@ -159,12 +159,17 @@ def _recording_entry(project: Project, path: Path, table: pa.Table, number: int)
         "correlation": 0.998, "applied": number != 2,
         "reason": "" if number != 2 else "correlation 0.31 is below 0.9",
     }  # fmt: skip
+    signals = {
+        "speed": {"canonical": "speed", "message": "MOTION", "signal": "Speed", "unit": "km/h", "factor": 1 / 3.6,
+                  "channel": "can0", "samples": 6000, "out_of_range": 3},
+    }  # fmt: skip
     runs = table["run"].drop_null()
+    facts = {"rows": len(table), "runs": len(runs.unique()), "rows_in_runs": len(runs)}
     problem = {"path": "raw/…/can.log", "where": "line 17", "reason": "1 of 120002 records rejected: <8 bytes>"}
     return {
-        "fingerprint": "x", "inputs": inputs, "clock": clock, "signals": {}, "ignored": [],
+        "fingerprint": "x", "inputs": inputs, "clock": clock, "signals": signals, "ignored": [],
         "origin": {"latitude": 39.96, "longitude": 116.31, "altitude": 50.0},
-        "outputs": [describe_output(project.directory, path, rows=len(table), runs=len(runs.unique()), rows_in_runs=len(runs))],
+        "outputs": [describe_output(project.directory, path, **facts)],
         "problems": [problem] if number == 1 else [],
     }  # fmt: skip
 

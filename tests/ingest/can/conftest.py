@@ -12,7 +12,13 @@ from hypothesis import strategies as st
 # (scale, offset) as databases have them: identities, integers, fractions, and the mixture that Python computes exactly.
 CONVERSIONS = ((1, 0), (1, 0), (2, -5), (-3, 7), (0.1, -40), (0.5, 0), (1, 0.5), (3, 0.25), (1e-6, -90), (10**6, 1))
 
-Path = tuple[tuple[str, int], ...]
+Path = dict[str, int]
+"""The values of the multiplexers above a signal that select it."""
+
+
+def _exclude(path: Path, other: Path) -> bool:
+    """Tell whether two signals are never there together."""
+    return any(other.get(name, value) != value for name, value in path.items())
 
 
 @st.composite
@@ -33,12 +39,10 @@ def random_message(draw: Any, floats: bool) -> Message:
             continue
         big, first = draw(st.booleans()), draw(st.integers(0, 8 * length - size))
         bits = {bit ^ 7 if big else bit for bit in range(first, first + size)}
-        parent, above = draw(st.sampled_from([(None, ()), *multiplexers]))
-        values = sorted(draw(st.sets(st.integers(0, 3), min_size=1, max_size=2))) if parent else []
-        paths = [(*above, (parent, value)) for value in values] or [()]
-        if any(
-            bits & others and path[: len(other)] == other[: len(path)] for path in paths for other, others in occupied
-        ):
+        parent, above = draw(st.sampled_from([(None, {}), *multiplexers]))
+        values = sorted(draw(st.sets(st.integers(0, 3), min_size=1, max_size=1 if is_multiplexer else 2)))
+        paths = [above | {parent: value} for value in values] if parent else [above]
+        if any(bits & others and not _exclude(path, other) for path in paths for other, others in occupied):
             continue
         occupied.extend((path, bits) for path in paths)
         name = f"s{k}"
@@ -54,7 +58,7 @@ def random_message(draw: Any, floats: bool) -> Message:
                 is_signed=not is_multiplexer and draw(st.booleans()),
                 conversion=BaseConversion.factory(scale, offset, draw(st.sampled_from([None, {1: "one"}])), is_float),
                 is_multiplexer=is_multiplexer,
-                multiplexer_ids=values or None,
+                multiplexer_ids=values if parent else None,
                 multiplexer_signal=parent,
             )
         )

@@ -120,8 +120,8 @@ def test_floats() -> None:
         length=8,
     )
     payloads = encode_payloads(layout, {"half": [1.5, 1e9, np.nan], "single": [2.0, np.inf, np.nan]})
-    halves = np.array([1.5, np.inf, 0.0]).astype("<f2").view(np.uint8).reshape(3, 2)
-    singles = np.array([0.5, np.inf, 0.0]).astype(">f4").view(np.uint8).reshape(3, 4)
+    halves = np.array([1.5, np.inf, np.nan]).astype("<f2").view(np.uint8).reshape(3, 2)
+    singles = np.array([0.5, np.inf, np.nan]).astype(">f4").view(np.uint8).reshape(3, 4)
     assert payloads.tolist() == np.hstack([halves, np.zeros((3, 2), np.uint8), singles]).tolist()
 
 

@@ -25,7 +25,6 @@ from hypothesis import strategies as st
 from wheelprint.ingest.account import Account
 from wheelprint.ingest.oxts.ncom import Ncom
 from wheelprint.ingest.oxts.ncom_packets import NcomPackets
-from wheelprint.ingest.oxts.ncom_writer import write_ncom
 from wheelprint.schemas.errors import InputError
 from wheelprint.schemas.tables import NAVIGATION
 
@@ -214,6 +213,15 @@ class TestPackets:
             ],
         )
 
+    def test_bytes_after_the_last_packet_are_cut_only_if_a_packet_could_begin_there(self, log: Path) -> None:
+        log.write_bytes(clock(10) + b"\xe7" + b"\1" * 71)
+        assert read_packets(log)[1].truncated is False
+        assert read_packets(log)[1].rejections[0][0] == "byte 72"
+        log.write_bytes(clock(10) + bytes(100) + b"\xe7" + b"\1" * 70)
+        _, account = read_packets(log)
+        assert (account.truncated, account.rejected) == (True, 1)
+        assert account.rejections[0][1].startswith("100 bytes that are no packet")
+
     def test_batches_do_not_depend_on_their_size(self, log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         random = np.random.default_rng(3)
         content = [packet(10)]
@@ -256,6 +264,11 @@ class TestFile:
         table, account = read_samples(path)
         assert 300 < len(table) < 700
         assert account == Account(accepted=len(table), truncated=True)
+
+    def test_a_gzip_without_its_end_is_cut(self, tmp_path: Path) -> None:
+        path = tmp_path / "nav.ncom.gz"
+        path.write_bytes(gzip.compress(clock(10) + clock(20))[:-8])
+        assert read_packets(path)[1] == Account(accepted=2, truncated=True)
 
     def test_a_damaged_gzip_is_an_error(self, tmp_path: Path) -> None:
         packed = bytearray(gzip.compress(clock(10) * 10))
@@ -412,7 +425,7 @@ class TestTime:
         assert account == Account(accepted=2, rejected=1, rejections=[("byte 72", reason)])
 
     def test_a_unit_that_does_not_know_the_minute_yet(self, log: Path) -> None:
-        table, _ = read_samples(log, [clock(10, 999), clock(20, -1), packet(30), clock(40, 1000)])
+        table, _ = read_samples(log, [clock(10, 999), clock(20, -1), clock(30, 2**31 - 1), clock(40, 1000)])
         assert times(table) == [stamp(1000, ms, offset=0) for ms in (10, 20, 30, 40)]
 
     def test_a_status_only_packet_tells_the_minute_of_the_packet_before(self, log: Path) -> None:
@@ -421,6 +434,10 @@ class TestTime:
         assert account == Account(accepted=3)
         with pytest.raises(InputError):
             read_samples(log, [packet(59_990), clock(77, status=10), packet(20)])
+        changed = [clock(0, status=10), clock(0, MINUTE + 7, status=10), clock(30_010, MINUTE + 7)]
+        table, account = read_samples(log, [packet(30_000), *changed])
+        assert times(table) == [stamp(MINUTE + 7, 30_000), stamp(MINUTE + 7, 30_010)]
+        assert account == Account(accepted=4)
 
     def test_no_minute_at_all_is_an_error(self, log: Path) -> None:
         with pytest.raises(InputError) as caught:
@@ -495,6 +512,17 @@ class TestOrder:
         table, account = read_samples(log, stream)
         assert times(table) == [stamp(MINUTE, ms) for ms in range(10, 1000, 10)]
         assert (account.accepted, account.rejected) == (99, 1)
+
+    def test_order_is_kept_from_batch_to_batch(self, log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr("wheelprint.ingest.oxts.ncom_packets.BATCH", 2)
+        table, account = read_samples(log, [clock(10), clock(20), clock(20), clock(15), clock(30), clock(30)])
+        assert times(table) == [stamp(MINUTE, ms) for ms in (10, 20, 30)]
+        assert [where for where, _ in account.rejections] == ["byte 144", "byte 216", "byte 360"]
+        assert [reason.split(";")[0] for _, reason in account.rejections] == [
+            "its time 2023-09-29T05:19:42.020Z is that of another packet",
+            "its time 2023-09-29T05:19:42.015Z is out of order with the packets around it",
+            "its time 2023-09-29T05:19:42.030Z is that of another packet",
+        ]
 
 
 class TestSamples:
@@ -603,108 +631,3 @@ class TestSamples:
         assert table["position_accuracy"].to_pylist() == pytest.approx(
             [None, 0.05, 0.05, 0.01, 0.01, None, None, 0.013], abs=1e-15
         )
-
-
-@st.composite
-def drives(draw: st.DrawFn) -> dict[str, Any]:
-    count = draw(st.integers(1, 60))
-    random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    start = int(
-        np.datetime64(draw(st.sampled_from(["2009-10-21", "2016-12-30T23:59:50", "2024-02-29T12:00"])), "ns").astype(
-            np.int64
-        )
-    )
-    return {
-        "time": start + np.cumsum(random.integers(1, 3000, count)) * 1_000_000,
-        "latitude": random.uniform(-89, 89, count),
-        "longitude": random.uniform(-180, 180, count),
-        "altitude": random.uniform(-100, 4000, count),
-        "velocity": random.uniform(-60, 60, (count, 3)),
-        "orientation": random.uniform(-1, 1, (count, 3)) * (np.pi, 0.5, 0.5),
-        "acceleration": random.uniform(-20, 20, (count, 3)),
-        "angular_rate": random.uniform(-2, 2, (count, 3)),
-        "status": random.choice([2, 3, 4], count),
-        "position_accuracy": np.where(random.random(count) < 0.2, np.nan, random.uniform(0, 20, count)),
-        "leading": draw(st.integers(0, count - 1)),
-    }
-
-
-class TestWriter:
-    @given(drive=drives())
-    def test_what_is_written_is_read(self, tmp_path_factory: pytest.TempPathFactory, drive: dict[str, Any]) -> None:
-        path = tmp_path_factory.mktemp("written") / "nav.ncom"
-        count = len(drive["time"])
-        assert write_ncom(path, **drive) == count
-        assert path.stat().st_size == 72 * count
-        (found,), account = read_packets(path)
-        assert account == Account(accepted=count)
-        assert found.checksum1.all()
-        assert found.checksum2.all()
-        assert found.time_known.all()
-        assert found.time.tolist() == drive["time"].tolist()
-        assert found.status.tolist() == drive["status"].tolist()
-        for name, quantum in (
-            ("acceleration", 1e-4),
-            ("angular_rate", 1e-5),
-            ("velocity", 1e-4),
-            ("orientation", 1e-6),
-        ):
-            assert np.abs(getattr(found, name) - drive[name]).max() <= 0.5001 * quantum
-        assert np.abs(np.degrees(found.latitude) - drive["latitude"]).max() < 1e-13
-        assert np.abs(np.degrees(found.longitude) - drive["longitude"]).max() < 1e-13
-        assert np.abs(found.altitude - drive["altitude"]).max() < 2e-4
-        leading = drive["leading"]
-        assert 0 not in found.channel[:leading]
-        assert found.channel[leading:].tolist() == [(0, 3, 4, 5, 16)[n % 5] for n in range(count - leading)]
-
-        table, account = read_samples(path)
-        assert account == Account(accepted=count)
-        held: float | None = None
-        for number, (row, channel) in enumerate(zip(table.to_pylist(), found.channel, strict=True)):
-            if channel == 3:
-                told = drive["position_accuracy"][number]
-                held = None if np.isnan(told) else told
-            assert row["position_accuracy"] == pytest.approx(held, abs=0.8e-3)
-
-    def test_missing_values_are_invalid(self, log: Path) -> None:
-        missing = np.full(3, np.nan)
-        count = write_ncom(
-            log, time=np.arange(2) * 10**7 + 1_700_000_000_000_000_000, latitude=48.0, longitude=11.0, altitude=500.0,
-            velocity=missing, orientation=missing, acceleration=(0.0, 0.0, -9.8), angular_rate=missing,
-        )  # fmt: skip
-        assert count == 2
-        (found,), _ = read_packets(log)
-        assert np.isnan(found.velocity).all()
-        assert np.isnan(found.orientation).all()
-        assert np.isnan(found.angular_rate).all()
-        assert found.acceleration.tolist() == [[0.0, 0.0, -9.8]] * 2
-
-    def test_stamps_are_rounded_to_milliseconds(self, log: Path) -> None:
-        stamps = np.array([1_700_000_000_000_499_999, 1_700_000_000_000_500_000, 1_700_000_000_059_999_999], np.int64)
-        write_ncom(
-            log, time=stamps, latitude=0.0, longitude=0.0, altitude=0.0, velocity=(0.0, 0.0, 0.0),
-            orientation=(0.0, 0.0, 0.0), acceleration=(0.0, 0.0, -9.8), angular_rate=(0.0, 0.0, 0.0),
-        )  # fmt: skip
-        (found,), _ = read_packets(log)
-        assert (found.time - 1_700_000_000_000_000_000).tolist() == [0, 1_000_000, 60_000_000]
-
-    def test_headings_beyond_half_a_turn_are_wrapped(self, log: Path) -> None:
-        headings = np.array([0.0, 3.0, 4.0, 6.2, 20.0])
-        write_ncom(
-            log, time=np.arange(5) * 10**7 + 1_700_000_000_000_000_000, latitude=0.0, longitude=0.0, altitude=0.0,
-            velocity=(0.0, 0.0, 0.0), orientation=np.stack([headings, 0 * headings, 0 * headings], axis=1),
-            acceleration=(0.0, 0.0, -9.8), angular_rate=(0.0, 0.0, 0.0),
-        )  # fmt: skip
-        (found,), _ = read_packets(log)
-        expected = [0.0, 3.0, 4.0 - 2 * np.pi, 6.2 - 2 * np.pi, 20.0 - 6 * np.pi]
-        assert found.orientation[:, 0].tolist() == pytest.approx(expected, abs=1e-6)
-
-    def test_a_value_too_large_is_an_error(self, log: Path) -> None:
-        message = "-900.0 does not fit into 24 bits of 10000 counts a unit; the largest is 838.8607"
-        with pytest.raises(ValueError, match=re.escape(message)):
-            write_ncom(
-                log, time=np.array([1_700_000_000_000_000_000]), latitude=0.0, longitude=0.0, altitude=0.0,
-                velocity=(0.0, -900.0, 0.0), orientation=(0.0, 0.0, 0.0), acceleration=(0.0, 0.0, -9.8),
-                angular_rate=(0.0, 0.0, 0.0),
-            )  # fmt: skip
-        assert not list(log.parent.iterdir())

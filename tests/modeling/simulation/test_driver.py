@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -131,9 +132,10 @@ def test_a_stop_lasts_two_to_six_seconds_before_its_line(road: Road) -> None:
     assert intentions is not None
     motion = drive(generator, road, Car(), driver, intentions, 120.0)
     edges = np.flatnonzero(np.diff((motion.speed == 0).astype(int)))
-    stops = [(first + 1, last + 1) for first, last in zip(edges, edges[1:], strict=False) if motion.speed[last] == 0]
+    stops = [(first + 1, last + 1) for first, last in pairwise(edges) if motion.speed[last] == 0]
     assert len(stops) >= 1
     for number, (first, last) in enumerate(stops):
+        assert 1.95 < (last - first) / 100 < 6.05
         assert (last - first) / 100 == pytest.approx(intentions.standstills[number], abs=0.05)
         assert -1.0 < intentions.stops[number] - motion.arc_length[first] < 5.0
 

@@ -1,4 +1,4 @@
-"""The logs say what the truth says: read by python-can and cantools, and by a few lines written from the NCOM manual."""
+"""The logs say what the truth says: read by python-can, cantools and a few lines written from the NCOM manual."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ import can
 import cantools
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
 import pytest
 from pyproj import Geod
 
-from wheelprint.modeling.simulation.logs import MAPPING, MESSAGE_RATES, UNKNOWN_RATES, CanClock
+from wheelprint.modeling.simulation.logs import MAPPING, MESSAGE_RATES, UNKNOWN_RATES, CanClock, navigation_log
+from wheelprint.modeling.simulation.truth import Origin, geodetic
 
 Decoded = dict[str, tuple[npt.NDArray[np.int64], dict[str, npt.NDArray[np.float64]]]]
 
@@ -234,18 +236,28 @@ def test_navigation_is_the_truth_in_the_unit_s_own_axes(silent: SimpleNamespace)
 
 
 def test_velocity_points_along_the_geodesic_between_positions(silent: SimpleNamespace) -> None:
-    packets = read_ncom(silent)
-    north, east, _ = packets["velocity"].T
-    first, last = slice(0, -20, 50), slice(20, None, 50)
-    middle = slice(10, -10, 50)
-    latitude, longitude = packets["latitude"], packets["longitude"]
-    azimuth, _, distance = Geod(ellps="WGS84").inv(longitude[first], latitude[first], longitude[last], latitude[last])
+    """Eight kilometres east of the origin north is 0.06 degrees from where it was there."""
+    origin = Origin(**silent.entry["origin"])
+    x = silent.truth["x"] + 8000.0
+    moved = silent.table
+    for name, values in zip(
+        ("x", "latitude", "longitude", "altitude"), (x, *geodetic(x, silent.truth["y"], origin)), strict=True
+    ):
+        moved = moved.set_column(moved.column_names.index(name), moved.schema.field(name), pa.array(values))
+    log = navigation_log(np.random.default_rng(0), moved, silent.campaign.sensors, origin, ())
+
+    north, east, _ = log.velocity.T
+    first, middle, last = slice(0, -20, 50), slice(10, -10, 50), slice(20, None, 50)
+    azimuth, _, distance = Geod(ellps="WGS84").inv(
+        log.longitude[first], log.latitude[first], log.longitude[last], log.latitude[last]
+    )
     steady = (distance > 1.0) & (np.abs(silent.truth["yaw_rate"][middle]) < 0.5)
     assert steady.sum() > 50
     error = (np.degrees(np.arctan2(east[middle], north[middle])) - azimuth + 180) % 360 - 180
-    # The convergence itself reaches more than that.
     assert np.abs(error[steady]).max() < 0.01
     assert np.hypot(north, east)[middle] == pytest.approx(distance / 0.2, abs=0.05)
+    turned = np.degrees(log.orientation[:, 0]) - (90 - silent.truth["heading"])
+    assert turned == pytest.approx(np.full(len(turned), 0.06), abs=0.01)
 
 
 def test_noise_of_sensors_is_small_and_there(eventful: SimpleNamespace, frames: list[can.Message]) -> None:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.integrate import cumulative_simpson
@@ -35,7 +37,7 @@ def test_centre_line_follows_the_heading(road: Road) -> None:
 def test_turns_are_right_angles_of_small_radius_behind_a_stop_line(road: Road) -> None:
     turning = road.kind == KINDS.index("turn")
     edges = np.flatnonzero(np.diff(turning.astype(int)))
-    turns = [(first + 1, last) for first, last in zip(edges, edges[1:], strict=False) if turning[first + 1]]
+    turns = [(first + 1, last) for first, last in pairwise(edges) if turning[first + 1]]
     angles = np.degrees([abs(road.heading[last] - road.heading[first]) for first, last in turns])
     radii = np.array([1 / np.abs(road.curvature[first:last]).max() for first, last in turns])
     lines = np.array([np.abs(road.stop_lines - road.s[first]).min() for first, _ in turns])
@@ -52,7 +54,7 @@ def test_straights_are_straight_and_lane_changes_keep_the_heading(road: Road) ->
     assert (road.curvature[road.kind == KINDS.index("straight")] == 0).mean() > 0.99
     changing = road.kind == KINDS.index("lane change")
     edges = np.flatnonzero(np.diff(changing.astype(int)))
-    for first, last in zip(edges, edges[1:], strict=False):
+    for first, last in pairwise(edges):
         if not changing[first + 1]:
             continue
         across = -np.sin(road.heading[first]) * (road.x[last] - road.x[first]) + np.cos(road.heading[first]) * (

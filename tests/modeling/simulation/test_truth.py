@@ -47,6 +47,8 @@ def test_missing_is_where_the_driver_does_not_pursue(eventful: SimpleNamespace) 
     elsewhere = missing & (truth["speed"] > 0)
     assert elsewhere.any()
     assert (elsewhere <= inside).all()
+    assert not missing[inside][-99:].any()
+    assert missing[inside][:-100].all()
 
 
 def test_positions_follow_course_and_speed(eventful: SimpleNamespace) -> None:

@@ -1,0 +1,110 @@
+"""The drivers of a project that can be modelled, and their data as the models take it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..dataset.build import SEGMENTS_PER_CLUSTER
+from ..dataset.segments import features, path_types
+from ..schemas.config import Config
+from ..schemas.errors import InputError
+from ..schemas.project import Project
+from .path_types import PathTypes
+from .windows import Floats, Mask, Series
+
+
+def modelled_drivers(project: Project) -> tuple[dict[str, dict[str, str]], list[InputError]]:
+    """Return the drivers with enough data, each with the SHA-256 of its dataset files by path.
+
+    Returns:
+        The drivers, sorted, and a problem for each driver with less than `models.minimum_minutes`.
+
+    Raises:
+        InputError: No dataset was built yet.
+    """
+    config = project.config
+    entries = project.manifest.get("dataset", {})
+    present = {recording.driver for recording in project.recordings()}
+    drivers: dict[str, dict[str, str]] = {}
+    problems = []
+    for driver, entry in sorted(entries.items()):
+        minutes = sum(output["rows"] for output in entry["outputs"]) * config.sync.period / 60e9
+        if driver not in present:
+            continue
+        if minutes < config.models.minimum_minutes:
+            reason = (
+                f"driver {driver!r} is not modelled: {minutes:.1f} minutes of ordinary driving were found, and "
+                f"{config.models.minimum_minutes:g} are needed; add recordings, decide about proposed events "
+                "(`wheelprint review`), or lower models.minimum_minutes"
+            )
+            problems.append(InputError(project.directory / "wheelprint.toml", "models.minimum_minutes", reason))
+        else:
+            drivers[driver] = {output["path"]: output["sha256"] for output in entry["outputs"]}
+    if not drivers and not problems:
+        raise InputError(project.directory, "", "no driver has a dataset yet; run `wheelprint build` first")
+    return drivers, problems
+
+
+def read_series(project: Path, driver: str, config: Config) -> Series:
+    """Return a driver's dataset."""
+    return Series.from_table(Project(project).dataset(driver), config.sync.period)
+
+
+def fit_path_types(series: Series, rows: Mask, config: Config) -> PathTypes:
+    """Fit the types of path to the segments that lie entirely in the given rows.
+
+    Args:
+        series: The driver's data.
+        rows: Rows that may be learnt from (n_rows,).
+        config: How many clusters; fewer are fitted where there are too few segments.
+
+    Raises:
+        InputError: No segment lies entirely in these rows.
+    """
+    whole = np.bincount(series.segment, weights=~rows) == 0
+    if not whole.any():
+        raise InputError("dataset", "segment", "no path segment is left to learn types of path from; add recordings")
+    most = max(int(whole.sum()) // SEGMENTS_PER_CLUSTER, 1)
+    wanted = config.segments.clusters
+    return PathTypes.fit(
+        _features(series, config)[whole],
+        wanted if wanted == "bic" else min(wanted, most),
+        min(config.segments.maximum_clusters, most),
+        config.dataset.seed,
+    )
+
+
+def label_rows(series: Series, types: PathTypes, config: Config) -> NDArray[np.str_]:
+    """Return the path type (`1-3-2`) of every row (n_rows,) by types that were fitted to these or other data."""
+    begins = np.flatnonzero(np.diff(series.segment, prepend=-1))
+    by_segment = path_types(types.label(_features(series, config)), series.stretch[begins])
+    return np.array(by_segment, dtype=np.str_)[series.segment]
+
+
+def describe_path_types(types: PathTypes) -> list[dict[str, Any]]:
+    """Return the clusters as the manifest writes those of the dataset."""
+    names = ("duration_s", "average_course_deviation_deg", "maximum_course_deviation_deg", "average_speed_m_s")
+    return [
+        {"label": label, "share": float(share), **dict(zip(names, mean.tolist(), strict=True))}
+        for label, (share, mean) in enumerate(zip(types.weights, types.means, strict=True), start=1)
+    ]
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Let BLAS use one thread: tasks run side by side, and the same inputs give the same bytes with any number."""
+    import scipy.linalg.blas  # noqa: F401 - loads scipy's own BLAS, which is limited only where it is loaded
+    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no types
+
+    with threadpool_limits(1):
+        yield
+
+
+def _features(series: Series, config: Config) -> Floats:
+    return features(series.course_deviation, series.speed, series.segment, config.sync.period)

@@ -1,0 +1,113 @@
+"""Cross-validation of the drivers' models (PP eq. 12): a cell for each driver, fold and experiment, then the tables."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from .. import __version__
+from ..schemas.errors import InputError
+from ..schemas.project import Project
+from ..schemas.store import Manifest, fingerprint, publish_json, publish_text
+from ..schemas.tables import LOOKAHEAD_COLUMNS, MOTION_PRIMITIVE_COLUMNS
+from ..schemas.tasks import Task
+from .cells import evaluate_lookahead, evaluate_motion_primitives
+from .drivers import modelled_drivers
+
+EXPERIMENTS = {"lookahead": LOOKAHEAD_COLUMNS, "motion_primitives": MOTION_PRIMITIVE_COLUMNS}
+"""Experiment -> columns of its table of results."""
+
+MEASURES = ("mean_error", "mean_sd", "mean_variance", "coverage_68", "coverage_95")
+
+Row = Mapping[str, Any]
+
+
+def plan_evaluation(project: Project) -> tuple[list[Task], list[InputError]]:
+    """Plan one task for each driver, fold and experiment, and for motion primitives each number of past steps.
+
+    Returns:
+        The tasks, and the drivers with too little data.
+
+    Raises:
+        InputError: No dataset was built yet.
+    """
+    config = project.config
+    drivers, problems = modelled_drivers(project)
+    settings = config.models.model_dump()
+    made_from: dict[str, Any] = {
+        "version": __version__,
+        "seed": config.models.seed,
+        "period": config.sync.period,
+        "embargo": config.dataset.embargo,
+    }
+    path_types = {"segments": config.segments.model_dump(), "clustering_seed": config.dataset.seed}
+    tasks = []
+    for driver, files in drivers.items():
+        for fold in range(config.dataset.folds):
+            cell = {"project": project.directory, "driver": driver, "fold": fold, "config": config}
+            made_from |= {"dataset": files, "fold": fold}
+            mark = fingerprint(made_from | {"grid": settings["lookahead"]})
+            tasks.append(Task("cells", f"lookahead/{driver}/fold {fold}", evaluate_lookahead, cell, mark))
+            for past_steps in dict.fromkeys(config.models.motion_primitives.past_steps):
+                name = f"motion_primitives/{driver}/fold {fold}/past {past_steps}"
+                grid = {"grid": settings["motion_primitives"], "past_steps": past_steps}
+                mark = fingerprint(made_from | path_types | grid)
+                tasks.append(Task("cells", name, evaluate_motion_primitives, {**cell, "past_steps": past_steps}, mark))
+    return tasks, problems
+
+
+def gather_results(project: Project) -> list[tuple[str, tuple[str, ...], list[tuple[Any, ...]]]]:
+    """Gather the current cells into `results/lookahead.csv`, `results/motion_primitives.csv` and `summary.json`.
+
+    The tables hold one line for each driver, model, fold and split; a cell that could not be computed is absent, a
+    column that does not apply is empty. The summary holds the means over the folds.
+
+    Returns:
+        The summary as tables to print: title, heads and rows.
+
+    Raises:
+        InputError: No dataset was built yet.
+    """
+    manifest = Manifest(project.directory)
+    rows: dict[str, list[Row]] = {experiment: [] for experiment in EXPERIMENTS}
+    for task in plan_evaluation(project)[0]:
+        if manifest.is_current(task.section, task.name, task.fingerprint):
+            for output in manifest.entry(task.section, task.name)["outputs"]:
+                content = json.loads((project.directory / output["path"]).read_text(encoding="utf-8"))
+                rows[task.name.split("/")[0]] += content["rows"]
+    summary: dict[str, list[Row]] = {}
+    printed = []
+    for experiment, columns in EXPERIMENTS.items():
+        text = io.StringIO()
+        table = csv.DictWriter(text, columns, lineterminator="\n")
+        table.writeheader()
+        table.writerows(rows[experiment])
+        publish_text(project.results_folder / f"{experiment}.csv", text.getvalue())
+        summary[experiment] = _means_over_folds(rows[experiment], columns)
+        heads = tuple(name for name in columns if name != "fold")
+        title = experiment.replace("_", " ").capitalize() + ", means over the folds"
+        printed.append((title, heads, [tuple(row[name] for name in heads) for row in summary[experiment]]))
+    publish_json(project.results_folder / "summary.json", summary)
+    return printed
+
+
+def _means_over_folds(rows: Sequence[Row], columns: Sequence[str]) -> list[Row]:
+    """Return one row for each model of each driver: means of the measures, sum of the samples, number of folds."""
+    measures = [name for name in columns if name in MEASURES]
+    same = [name for name in columns if name not in (*MEASURES, "fold", "samples")]
+    groups: dict[tuple[Any, ...], list[Row]] = {}
+    for row in rows:
+        if row["samples"]:
+            groups.setdefault(tuple(row[name] for name in same), []).append(row)
+    return [
+        {
+            **dict(zip(same, key, strict=True)),
+            **{name: sum(row[name] for row in own) / len(own) for name in measures},
+            "samples": sum(row["samples"] for row in own),
+            "folds": len(own),
+        }
+        for key, own in groups.items()
+    ]
