@@ -19,16 +19,16 @@ from ..schemas.config import Config
 from ..schemas.errors import InputError
 from ..schemas.project import Project
 from ..schemas.signals import SIGNALS
-from ..schemas.store import Manifest, describe_output, fingerprint, publish_table, read_table
+from ..schemas.store import describe_output, fingerprint, publish_table, read_table
 from ..schemas.tables import DATASET
 from ..schemas.tasks import Outcome, Task
-from .calibration import estimate_steering
 from .detectors import propose_events
-from .drive import Drive, Steering, core_columns, derive
+from .drive import Drive, core_columns, derive
 from .events import Event, merge_proposals, read_events, write_events
 from .folds import deal_folds
 from .path import Floats
 from .segments import SIDES, Integers, PathClustering, path_types
+from .steering import Steering, calibrate, steering_series
 
 SAMPLES_PER_FOLD = 60
 """With fewer there is nothing to test: one window of MP takes 51."""
@@ -51,19 +51,27 @@ def plan_build(project: Project, cluster: PathClustering) -> tuple[list[Task], l
         InputError: No recording is converted yet, `events.csv` is wrong, or the steering cannot be calibrated.
     """
     config = project.config
-    period = config.sync.period
     synced, problems = _synced_files(project)
     proposals: list[Event] = []
     steered: list[Floats] = []
     for driver, files in synced.items():
-        tables = {f"{driver}/{name}": read_table(project.directory / file) for name, (file, _) in files.items()}
-        proposals += propose_events(tables, config.events, period)
-        steered += [_steering_series(table) for table in tables.values()]
+        tables, lost = _read_synced(project, files)
+        problems += lost
+        synced[driver] = {name: files[name] for name in tables}
+        recordings = {f"{driver}/{name}": table for name, table in tables.items()}
+        proposals += propose_events(recordings, config.events, config.sync.period)
+        steered += [steering_series(table) for table in tables.values()]
+    if not steered:
+        reasons = "; ".join(map(str, problems))
+        raise InputError(
+            project.directory, "", f"no recording is converted; run `wheelprint convert` first ({reasons})"
+        )
     padding = round(config.events.padding * 1e9)
     write_events(project.events_file, merge_proposals(read_events(project.events_file), proposals, padding))
     events = read_events(project.events_file)
     problems += _stray_events(project, events)
-    steering = _calibrate(project, synced, steered, problems)
+    steering, doubts = calibrate(project, synced, steered)
+    problems += doubts
 
     tasks = []
     for driver, files in synced.items():
@@ -71,6 +79,7 @@ def plan_build(project: Project, cluster: PathClustering) -> tuple[list[Task], l
         made_from = {
             "version": __version__,
             "parameters": _parameters(config, steering),
+            "cluster": [getattr(cluster, "__module__", ""), getattr(cluster, "__qualname__", "")],
             "synced": files,
             "events": [(e.recording, e.start, e.stop, e.kind) for e in own if e.is_left_out],
         }
@@ -194,72 +203,33 @@ def _synced_files(project: Project) -> tuple[dict[str, dict[str, tuple[str, str]
             problems.append(InputError(path, "", reason))
         else:
             of_driver[recording.name] = (relative, confirmed["sha256"])
-    if not any(files.values()):
-        reasons = "; ".join(map(str, problems))
-        raise InputError(
-            project.directory, "", f"no recording is converted; run `wheelprint convert` first ({reasons})"
-        )
     return files, problems
 
 
-def _steering_series(table: pa.Table) -> Floats:
-    """Return steering wheel angle, yaw rate and speed of a recording (3, n_samples + 1), NaN in gaps and at the end."""
-
-    def first_of(first: str, second: str) -> Floats:
-        preferred: Floats = table[first].to_numpy().copy()
-        missing = np.isnan(preferred)
-        preferred[missing] = table[second].to_numpy()[missing]
-        return preferred
-
-    series = np.full((3, len(table) + 1), np.nan)
-    series[:, :-1] = (
-        table["steering_wheel_angle"].to_numpy(),
-        first_of("nav_yaw_rate", "yaw_rate"),
-        first_of("nav_speed", "speed"),
-    )
-    series[:, :-1][:, table["run"].is_null().to_numpy()] = np.nan
-    return series
-
-
-def _calibrate(
-    project: Project,
-    synced: Mapping[str, Mapping[str, tuple[str, str]]],
-    steered: Sequence[Floats],
-    problems: list[InputError],
-) -> Steering:
-    """Estimate what the project file does not say of the steering from all recordings, and tell the manifest."""
-    config, manifest = project.config, Manifest(project.directory)
-    vehicle = config.vehicle
-    ratio = None if vehicle.steering_ratio == "estimate" else vehicle.steering_ratio
-    offset = None if vehicle.steering_offset == "estimate" else vehicle.steering_offset
-    made_from = fingerprint([__version__, synced, config.sync.rate, vehicle.wheelbase, ratio, offset])
-    entry = manifest.content.get("calibration", {})
-    if entry.get("fingerprint") != made_from:
-        wheel, yaw_rate, speed = np.concatenate(steered, axis=1)
-        found = estimate_steering(
-            wheel, yaw_rate, speed, vehicle.wheelbase, ratio=ratio, offset=offset, rate=config.sync.rate
-        )
-        entry = {
-            "fingerprint": made_from,
-            "steering_ratio": found.ratio,
-            "steering_ratio_standard_error": found.ratio_standard_error,
-            "steering_offset_deg": found.offset,
-            "steering_offset_deg_standard_error": found.offset_standard_error,
-            "understeer_deg_per_m_s2": found.understeer,
-            "samples": found.samples,
-            "estimated": [
-                name for name, given in (("steering_ratio", ratio), ("steering_offset", offset)) if given is None
-            ],
-            "reason": found.reason,
-        }
-        manifest.put("calibration", entry)
-    told = {"steering_ratio": entry["steering_ratio"], "steering_offset": entry["steering_offset_deg"]}
-    where = ", ".join(f"vehicle.{name}" for name, value in told.items() if value is None)
-    if where:
-        empty = [name for name, values in zip(CALIBRATED, np.concatenate(steered, axis=1), strict=True)
-                 if np.isnan(values).all()]
-        ...
-    return Steering(**...)
+def _read_synced(
+    project: Project, files: Mapping[str, tuple[str, str]]
+) -> tuple[dict[str, pa.Table], list[InputError]]:
+    """Return the synced tables by recording, without those that are damaged or on another grid than is asked for."""
+    sync = project.config.sync
+    tables: dict[str, pa.Table] = {}
+    problems: list[InputError] = []
+    for name, (file, _) in files.items():
+        try:
+            table = read_table(project.directory / file)
+        except InputError as error:
+            problems.append(error)
+            continue
+        steps = np.unique(np.diff(table["time"].cast(pa.int64()).to_numpy()))
+        if np.any(steps != sync.period):
+            found = " or ".join(f"{step / 1e9:g}" for step in steps[:3])
+            reason = (
+                f"its rows are {found} s apart where sync.rate = {sync.rate:g} Hz asks for {sync.period / 1e9:g} s, and it "
+                "is left out of the dataset; run `wheelprint convert` again"
+            )
+            problems.append(InputError(project.directory / file, "time", reason))
+            continue
+        tables[name] = table
+    return tables, problems
 
 
 def _stray_events(project: Project, events: Sequence[Event]) -> list[InputError]:

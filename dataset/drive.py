@@ -16,19 +16,7 @@ from .lookahead import lookahead_distance
 from .path import Floats, course_deviation, distance
 from .segments import divide, features
 from .smoothing import moving_average, moving_average_of_angles
-
-
-@dataclass(frozen=True, slots=True)
-class Steering:
-    """What turns the measured steering wheel angle into the angle of the road wheels.
-
-    Attributes:
-        ratio: Steering wheel angle over road wheel angle.
-        offset: deg, what the steering wheel angle reads when the car goes straight.
-    """
-
-    ratio: float
-    offset: float
+from .steering import Steering
 
 
 @dataclass(frozen=True, slots=True)

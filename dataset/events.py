@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..schemas.errors import InputError
 from ..schemas.store import publish_text
 from ..schemas.tables import EVENT_COLUMNS
+from ..schemas.times import iso_utc
 
 Decision = Literal["proposed", "emergency", "normal"]
 DECISIONS: tuple[Decision, ...] = get_args(Decision)
@@ -53,15 +54,6 @@ class Event:
     def is_left_out(self) -> bool:
         """Whether its rows are absent from the dataset: everything a person has not called normal."""
         return self.decision != "normal"
-
-
-def format_stamp(time: int) -> str:
-    """Return ns UTC as ISO 8601 cut to whole milliseconds, such as `2026-11-23T08:00:00.100Z`.
-
-    On a grid of 1 kHz or slower, cutting both ends keeps exactly the same rows within [start, stop).
-    """
-    moment = _EPOCH + timedelta(milliseconds=time // 1_000_000)
-    return moment.strftime("%Y-%m-%dT%H:%M:%S.") + f"{moment.microsecond // 1000:03d}Z"
 
 
 def parse_stamp(text: str) -> int:
@@ -128,7 +120,8 @@ def read_events(path: Path) -> list[Event]:
 def write_events(path: Path, events: Iterable[Event]) -> None:
     """Publish events sorted (RFC 4180), with stamps cut to milliseconds and severities rounded to three decimals.
 
-    A file that already says so is left alone.
+    On a grid of 1 kHz or slower, cutting both ends keeps exactly the same rows within [start, stop). A file that
+    already says so is left alone.
     """
     text = io.StringIO(newline="")
     writer = csv.writer(text)
@@ -137,8 +130,8 @@ def write_events(path: Path, events: Iterable[Event]) -> None:
         writer.writerow(
             [
                 event.recording,
-                format_stamp(event.start),
-                format_stamp(event.stop),
+                iso_utc(event.start),
+                iso_utc(event.stop),
                 event.kind,
                 round(event.severity, 3),
                 event.decision,
@@ -181,10 +174,13 @@ def merge_proposals(existing: Iterable[Event], proposed: Iterable[Event], paddin
         padding: ns that detectors add on both sides of what they find; they add nothing to standstill.
     """
     decided = [event for event in existing if event.decision != "proposed"]
+    decided_in: dict[str, list[Event]] = {}
+    for event in decided:
+        decided_in.setdefault(event.recording, []).append(event)
     merged = list(decided)
     for proposal in proposed:
         crumb = 0 if proposal.kind == "standstill" else padding
-        for piece in subtract([proposal], decided):
+        for piece in subtract([proposal], decided_in.get(proposal.recording, ())):
             is_inner = proposal.start < piece.start and piece.stop < proposal.stop
             if piece == proposal or is_inner or piece.stop - piece.start > crumb:
                 merged.append(piece)

@@ -19,8 +19,9 @@ import pyarrow as pa
 from ..schemas.errors import InputError
 from ..schemas.project import Project
 from ..schemas.store import read_table
+from ..schemas.times import iso_utc
 from .event_plots import PANELS, plot
-from .events import Event, format_stamp, read_events, write_events
+from .events import Event, read_events, write_events
 
 if TYPE_CHECKING:
     from starlette.applications import Starlette
@@ -193,7 +194,7 @@ def _cards(project: Project, events: Sequence[Event]) -> Iterator[dict[str, Any]
             table = _synced(project, recording)
         yield {
             "event": event,
-            "start": format_stamp(event.start).replace("T", " ").removesuffix("Z"),
+            "start": iso_utc(event.start).replace("T", " ").removesuffix("Z"),
             "seconds": (event.stop - event.start) / 1e9,
             "plots": [] if table is None else [plot(panel, table, event) for panel in PANELS],
         }

@@ -1,8 +1,8 @@
 """The shift between two clocks, from signals that are measured on both.
 
-Signals are compared as changes between neighbouring seconds: that takes away what a constant or slowly moving error of
-a sensor adds, and the noise above a few Hz. `search` finds the shift to one period of the grid by cross-correlation
-over all allowed shifts; `refine` finds shift and drift by Gauss-Newton on robust least squares.
+Signals are compared as changes between neighbouring windows of a second or two: that takes away what a constant or
+slowly moving error of a sensor adds, and the noise above a few Hz. `search` finds the shift to one period of the grid
+by cross-correlation over all allowed shifts; `refine` finds shift and drift by Gauss-Newton on robust least squares.
 """
 
 from __future__ import annotations
@@ -78,12 +78,12 @@ class Fit(NamedTuple):
     converged: bool
 
 
-def changes(values: Values, period: int) -> Values:
-    """Return the mean over the next second less the mean over the last at each grid point (n - 2·window + 1,).
+def changes(values: Values, period: int, window_s: float = WINDOW_S) -> Values:
+    """Return at each grid point the mean over the next window less the mean over the last (n - 2·window + 1,).
 
     NaN where one of them touches a gap. The filter is the same for both clocks and so shifts nothing between them.
     """
-    window = max(1, round(WINDOW_S * SECOND / period))
+    window = max(1, round(window_s * SECOND / period))
     if len(values) < 2 * window:
         return np.empty(0)
     return np.convolve(values, np.repeat([1.0 / window, -1.0 / window], window), "valid")
@@ -158,7 +158,9 @@ def _clipped(values: Values) -> Values:
     return np.clip(np.where(present, values, 0.0), -bound, bound)
 
 
-def refine(signals: Sequence[Signal], grid_time: Times, shift_s: float, period: int, max_gap: int) -> Fit | None:
+def refine(
+    signals: Sequence[Signal], grid_time: Times, shift_s: float, period: int, max_gap: int, window_s: float
+) -> Fit | None:
     """Refine a shift, and estimate the drift, in ``first(t) = scale·second(t - shift - gain·share) + bias``.
 
     `share` runs from 0 to 1 over the grid; scale and bias are free for each signal, and the bias vanishes in the
@@ -171,6 +173,7 @@ def refine(signals: Sequence[Signal], grid_time: Times, shift_s: float, period: 
         shift_s: Where to start from, s, right to half a window.
         period: Period of the grid, ns.
         max_gap: Longest gap of the second clock's samples that is bridged, ns.
+        window_s: Window of the changes, s.
 
     Returns:
         The fit; None where a signal has less than half a minute of changes on both clocks.
@@ -184,7 +187,7 @@ def refine(signals: Sequence[Signal], grid_time: Times, shift_s: float, period: 
     start_s, gain_s, converged = shift_s, 0.0, False
     for _ in range(ITERATIONS):
         time = grid_time - np.rint((shift_s + gain_s * share) * SECOND).astype(np.int64)
-        terms = [_linearise(signal, time, share, period, max_gap) for signal in signals]
+        terms = [_linearise(signal, time, share, period, max_gap, window_s) for signal in signals]
         if min(len(term.rows) for term in terms) * period < MINIMUM_OVERLAP_S * SECOND:
             return None
         normal, gradient = prior.copy(), -prior[:, 1] * gain_s
@@ -232,7 +235,7 @@ class _Term(NamedTuple):
     correlation: float
 
 
-def _linearise(signal: Signal, time: Times, share: Values, period: int, max_gap: int) -> _Term:
+def _linearise(signal: Signal, time: Times, share: Values, period: int, max_gap: int, window_s: float) -> _Term:
     """Linearise one signal about `time`, the grid on the second clock as far as it is known."""
     level = resample(*signal.reference, time, "mean", max_gap, period)
     # A derivative over a whole window: over one period it would be mostly noise.
@@ -240,8 +243,8 @@ def _linearise(signal: Signal, time: Times, share: Values, period: int, max_gap:
     before = resample(*signal.reference, time - width // 2, "mean", max_gap, width)
     after = resample(*signal.reference, time + width // 2, "mean", max_gap, width)
     slope = (after - before) / (width / SECOND)
-    y, s = changes(signal.values, period), changes(level, period)
-    shifted, gained = changes(slope, period), changes(slope * share, period)
+    y, s = changes(signal.values, period, window_s), changes(level, period, window_s)
+    shifted, gained = changes(slope, period, window_s), changes(slope * share, period, window_s)
     rows = np.flatnonzero(np.isfinite(y + s + shifted))
     y, s, shifted, gained = y[rows], s[rows], shifted[rows], gained[rows]
     weight = np.ones(len(rows))

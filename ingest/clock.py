@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import ceil
 from typing import TypeAlias
 
 import numpy as np
@@ -14,6 +15,8 @@ from .resample import Times, Values, grid, resample
 
 PERIOD_S = 0.1
 BRIDGED_GAP_S = 0.5
+WINDOWS_S = (1.0, 2.0)
+"""Windows of the changes: the short one tells more of abrupt changes of speed, the long one of smooth ones."""
 STANDSTILL = 1.0
 """m/s; slower, a wheel speed sensor says zero or nothing."""
 PROMISING_CORRELATION = 0.7
@@ -106,8 +109,8 @@ def estimate_clock(
     names = [name for name in can if min(np.isfinite(side[name][1]).sum() for side in (can, nav)) > 2]
     if not names:
         return ClockEstimate.trusted("CAN and navigation have no driving in common that both measured")
-    sampling = max(int(np.median(np.diff(np.sort(side[name][0])))) for side in (can, nav) for name in names)
-    period = max(round(PERIOD_S * SECOND), 2 * sampling + 1)
+    sampling = max(ceil(np.median(np.diff(np.sort(side[name][0])))) for side in (can, nav) for name in names)
+    period = max(round(PERIOD_S * SECOND), 2 * sampling)
     max_gap = max(round(BRIDGED_GAP_S * SECOND), 3 * sampling)
 
     can_span, nav_span = (_span([side[name][0] for name in names]) for side in (can, nav))
@@ -141,14 +144,14 @@ def estimate_clock(
     telling = [signal for signal, r in zip(signals, peak.correlations, strict=True) if r > enough]
     if not telling:
         return ClockEstimate.trusted(f"too little excitation: neither speed nor yaw rate changes{ADVICE}")
-    fit = refine(telling, can_grid, peak.shift_s, period, max_gap)
+    fit = _refine(telling, can_grid, peak.shift_s, period, max_gap)
     if fit is None:
         return ClockEstimate.trusted(apart)
     drift_ppm = 1e6 * fit.gain_s * SECOND / int(can_grid[-1] - can_grid[0])
     reason = _doubt(fit, peak, drift_ppm)
     applied = not reason
     if applied:
-        single = [fit] if len(telling) == 1 else [refine([s], can_grid, fit.shift_s, period, max_gap) for s in telling]
+        single = [fit] if len(telling) == 1 else [_refine([s], can_grid, fit.shift_s, period, max_gap) for s in telling]
         said = [
             f"{signal.name} ({one.shift_s:.3f} ± {one.standard_error_s:.3f} s)"
             for signal, one in zip(telling, single, strict=True)
@@ -165,6 +168,12 @@ def estimate_clock(
         reason=reason,
         reference=int(can_grid[0]),
     )
+
+
+def _refine(signals: Sequence[Signal], can_grid: Times, shift_s: float, period: int, max_gap: int) -> Fit | None:
+    """Return the fit with the window that tells more."""
+    fits = [refine(signals, can_grid, shift_s, period, max_gap, window_s) for window_s in WINDOWS_S]
+    return min((fit for fit in fits if fit is not None), key=lambda fit: fit.standard_error_s, default=None)
 
 
 def _span(times: Sequence[Times]) -> tuple[int, int]:

@@ -193,6 +193,7 @@ class MixtureRegression(Estimator):
             beta = self.responsibilities(rows[part])
             own = self._component_means(rows[part])
             mean[part] = np.einsum("nk,knm->nm", beta, own)
+            # Both terms of the law of total covariance; eq. 22 squares the weights of the first and lacks the second.
             mixed = np.square(beta) if self.faithful else beta
             offset = np.zeros_like(own) if self.faithful else np.sqrt(beta.T)[..., None] * (own - mean[part])
             if variance is not None:

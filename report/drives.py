@@ -11,7 +11,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from ..dataset.events import Event, format_stamp
+from ..dataset.events import Event
+from ..schemas.times import iso_utc
 from . import figures
 from .blocks import Figure
 
@@ -151,13 +152,14 @@ def track(key: str, table: pa.Table, dataset: pa.Table | None, events: Sequence[
     broken = np.diff(run[few], prepend=run[0]) != 0  # NaN, outside a run, differs from everything
     thinned = np.where(broken, math.nan, x[few])
     figure = figures.track(thinned, y[few], speed[few], None if label is None else label[few], marks)
+    whose = "" if label is None else "; labels are the driver's own clusters"
     every = "" if few.step == 1 else f", one row in {few.step}"
-    return Figure(f"{key}: path on equal axes from the recording's origin{every}.", figure)
+    return Figure(f"{key}: path on equal axes from the recording's origin{every}{whose}.", figure)
 
 
 def readable(time: int) -> str:
     """Return ns UTC as date and time of day to the millisecond."""
-    return format_stamp(time).replace("T", " ").removesuffix("Z")
+    return iso_utc(time).replace("T", " ").removesuffix("Z")
 
 
 def nanoseconds(table: pa.Table) -> NDArray[np.int64]:

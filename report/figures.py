@@ -24,6 +24,7 @@ BLUE, VERMILLION, GREEN, ORANGE, SKY, PURPLE, BLACK, GREY = (
 """Okabe and Ito's palette, without its yellow, which is too light for lines on white."""
 LINES = (BLUE, VERMILLION, GREEN, PURPLE, SKY, ORANGE)
 DECISIONS = {"proposed": ORANGE, "emergency": VERMILLION, "normal": GREEN}
+SHAPES = ("circle", "square", "diamond", "triangle-up", "cross", "x")
 SYMBOLS = {"proposed": "diamond", "emergency": "x", "normal": "circle"}
 FONT = 'system-ui, "Segoe UI", Roboto, "Noto Sans", "Noto Sans CJK SC", sans-serif'
 
@@ -77,40 +78,32 @@ class Lane:
 
 
 def timeline(lanes: Sequence[Lane]) -> go.Figure:
-    """Show when events happened: one lane for each recording."""
-    figure = _figure("time since the recording's start, min", "", height=110 + 30 * len(lanes))
-    bar = {"orientation": "h", "width": 0.16, "hoverinfo": "skip", "showlegend": False}
-    figure.add_bar(y=list(range(len(lanes))), x=[lane.duration for lane in lanes], marker_color="#D5DBE1", **bar)
-    for decision, colour in DECISIONS.items():
-        found = [(number, *event) for number, lane in enumerate(lanes) for event in lane.events]
-        found = [event for event in found if event[4] == decision]
+    """Show when events happened, one lane for each recording: colours are decisions, symbols are kinds."""
+    figure = _figure("time since the recording's start, min", "", height=130 + 30 * len(lanes))
+    bar = {"orientation": "h", "hoverinfo": "skip", "showlegend": False}
+    places, durations = list(range(len(lanes))), [lane.duration for lane in lanes]
+    figure.add_bar(y=places, x=durations, width=0.14, marker_color="#D5DBE1", **bar)
+    events = [(place, *event) for place, lane in zip(places, lanes, strict=True) for event in lane.events]
+    kinds = sorted({kind for _, _, _, kind, _ in events})
+    for (decision, colour), (kind, symbol) in itertools.product(DECISIONS.items(), zip(kinds, itertools.cycle(SHAPES))):
+        found = [event for event in events if event[3:] == (kind, decision)]
         if not found:
             continue
-        figure.add_bar(
-            y=[number for number, *_ in found],
-            base=[start for _, start, *_ in found],
-            x=[stop - start for _, start, stop, *_ in found],
-            marker_color=colour,
-            **(bar | {"width": 0.5}),
-        )
+        y = [place for place, *_ in found]
+        start = [begin for _, begin, *_ in found]
+        length = [end - begin for _, begin, end, *_ in found]
+        figure.add_bar(y=y, base=start, x=length, width=0.56, marker={"color": colour, "opacity": 0.55}, **bar)
         figure.add_scatter(
-            x=[(start + stop) / 2 for _, start, stop, *_ in found],
-            y=[number for number, *_ in found],
+            x=[begin + minutes / 2 for begin, minutes in zip(start, length, strict=True)],
+            y=y,
             mode="markers",
-            marker={"color": colour, "symbol": SYMBOLS[decision], "size": 9},
-            name=decision,
-            text=[f"{plain(kind)}, {60 * (stop - start):.1f} s" for _, start, stop, kind, _ in found],
+            marker={"color": colour, "symbol": symbol, "size": 9, "line": {"color": BLACK, "width": 1}},
+            name=f"{plain(kind)}: {decision}",
+            text=[f"{plain(kind)}, {60 * minutes:.1f} s" for minutes in length],
             hovertemplate="%{text} at %{x:.1f} min<extra></extra>",
         )
     figure.update_layout(barmode="overlay", legend={"y": 1.02, "yanchor": "bottom"})
-    figure.update_yaxes(
-        tickvals=list(range(len(lanes))),
-        ticktext=[_short(lane.name) for lane in lanes],
-        range=[len(lanes) - 0.4, -0.6],
-        showgrid=False,
-        zeroline=False,
-        automargin=True,
-    )
+    _name_lanes(figure, [lane.name for lane in lanes])
     return figure
 
 
@@ -241,16 +234,18 @@ def errors_by_components(scores: Sequence[Score]) -> go.Figure:
     models = [score for score in scores if not score.is_baseline]
     components = [score.parameters["components"] for score in models] or [1]
     names = list(dict.fromkeys((score.model, score.parameters.get("regressors")) for score in models))
+    apart = 0.012 * (max(components) - min(components))  # Bars of different models would cover each other.
     for column, (what, title) in enumerate(panels, start=1):
         where = {"row": 1, "col": column}
         figure.update_yaxes(title_text=title, rangemode="tozero", **where)
         figure.update_xaxes(title_text="number of components N", **where)
-        for (model, regressors), colour in zip(names, itertools.cycle(LINES), strict=False):
+        for place, ((model, regressors), colour) in enumerate(zip(names, itertools.cycle(LINES), strict=False)):
             own = [s for s in models if (s.model, s.parameters.get("regressors")) == (model, regressors)]
             name = model if regressors is None else f"{model}, n₂ = {regressors}"
-            for prefix, split, dash, symbol in splits:
+            for number, (prefix, split, dash, symbol) in enumerate(splits):
+                aside = apart * (2 * place + number - len(names) + 0.5)
                 figure.add_scatter(
-                    x=[score.parameters["components"] for score in own],
+                    x=[score.parameters["components"] + aside for score in own],
                     y=[score.mean(prefix + what) for score in own],
                     error_y={"type": "data", "array": [score.deviation(prefix + what) for score in own], "width": 3},
                     mode="lines+markers",
@@ -259,6 +254,7 @@ def errors_by_components(scores: Sequence[Score]) -> go.Figure:
                     showlegend=column == 1,
                     line=_line(colour, 2, dash),
                     marker_symbol=symbol,
+                    hovertemplate="%{y:.3g}<extra>%{fullData.name}</extra>",
                     **where,
                 )
         for score, dash in zip(baselines, itertools.cycle(("dash", "dashdot", "longdash", "dot")), strict=False):
@@ -289,44 +285,45 @@ def errors_of_models(scores: Sequence[Score]) -> go.Figure:
                 name=f"{name}, mean ± sd over folds",
                 marker={"color": colour, "symbol": symbol, "size": 9},
             )
-    figure.update_yaxes(
-        tickvals=list(range(len(scores))),
-        ticktext=[plain(score.label) for score in scores],
-        range=[len(scores) - 0.4, -0.6],
-        zeroline=False,
-        automargin=True,
-    )
+    _name_lanes(figure, [score.label for score in scores])
     figure.update_xaxes(rangemode="tozero")
     figure.update_layout(legend={"y": 1.02, "yanchor": "bottom"})
     return figure
 
 
-def prediction(driven_time: Values, driven: Values, time: Values, mean: Values, deviation: Values) -> go.Figure:
-    """Show a prediction with its bands against what the driver did.
+def prediction(
+    driven_time: Values, driven: Values, starts: Values, steps: Values, mean: Values, sd: Values
+) -> go.Figure:
+    """Show predictions that follow each other, with their bands, against what the driver did.
 
     Args:
-        driven_time: (n_samples,) s from the moment of prediction, the past included.
+        driven_time: (n_samples,) s from the first prediction.
         driven: (n_samples,) steering wheel angle, deg.
-        time: (n_steps,) s from the moment of prediction.
-        mean: (n_steps,) predicted steering wheel angle, deg.
-        deviation: (n_steps,) its standard deviation, deg.
+        starts: (n_predictions,) when each prediction is made, s from the first one.
+        steps: (n_steps,) s from its prediction, the same for all.
+        mean: (n_predictions, n_steps) predicted steering wheel angle, deg.
+        sd: (n_predictions, n_steps) standard deviation of the prediction, deg.
     """
-    figure = _figure("time from the prediction, s", "steering wheel angle, ° (positive left)", height=340)
-    around = _float32(np.concatenate([time, time[::-1]]))
+    figure = _figure("time, s; a prediction begins at each dotted line", "steering wheel angle, ° (left +)", height=360)
+    time = starts[:, None] + steps
+    apart = np.full((len(starts), 1), np.nan)
+    around = np.hstack([time, time[:, ::-1], apart]).ravel()
     for factor, name, colour in (
         (1.96, "95 % band", "rgba(0,114,178,0.16)"),
         (1.0, "68 % band", "rgba(0,114,178,0.30)"),
     ):
-        edge = np.concatenate([mean + factor * deviation, (mean - factor * deviation)[::-1]])
+        edge = np.hstack([mean + factor * sd, (mean - factor * sd)[:, ::-1], apart]).ravel()
         figure.add_scatter(
-            x=around, y=_float32(edge), fill="toself", fillcolor=colour, mode="lines", line={"width": 0}, name=name,
-            hoverinfo="skip",
+            x=_float32(around), y=_float32(edge), fill="toself", fillcolor=colour, mode="lines", line={"width": 0},
+            name=name, hoverinfo="skip",
         )  # fmt: skip
     figure.add_scatter(
-        x=_float32(time), y=_float32(mean), mode="lines", name="predicted", line=_line(BLUE, 2.5, "dash")
-    )
+        x=_float32(np.hstack([time, apart]).ravel()), y=_float32(np.hstack([mean, apart]).ravel()), mode="lines",
+        name="predicted", line=_line(VERMILLION, 2.2, "dash"),
+    )  # fmt: skip
     figure.add_scatter(x=_float32(driven_time), y=_float32(driven), mode="lines", name="driven", line=_line(BLACK, 2))
-    figure.add_vline(x=0, line={"color": GREY, "width": 1, "dash": "dot"})
+    for start in starts.tolist():
+        figure.add_vline(x=start, line={"color": GREY, "width": 1, "dash": "dot"})
     return figure
 
 
@@ -343,7 +340,7 @@ def _figure(x_title: str, y_title: str, height: int) -> go.Figure:
 def _style(figure: go.Figure, height: int) -> None:
     axis = {
         "gridcolor": "#E6EAEE", "zerolinecolor": "#C9D0D6", "linecolor": GREY, "showline": True, "ticks": "outside",
-        "title": {"standoff": 8, "font": {"size": 13}},
+        "title": {"standoff": 8, "font": {"size": 13}}, "automargin": True,
     }  # fmt: skip
     figure.update_layout(
         template="none", height=height, margin={"l": 62, "r": 14, "t": 12, "b": 48}, paper_bgcolor="#fff",
@@ -358,8 +355,16 @@ def _line(colour: str, width: float, dash: str = "solid") -> dict[str, Any]:
     return {"color": colour, "width": width, "dash": dash}
 
 
-def _short(name: str) -> str:
-    return plain(name if len(name) <= 28 else f"{name[:27]}…")
+def _name_lanes(figure: go.Figure, names: Sequence[str]) -> None:
+    """Write names instead of 0, 1, 2, … on the vertical axis, from above."""
+    labels = [plain(name if len(name) <= 40 else f"{name[:39]}…") for name in names]
+    figure.update_yaxes(
+        tickvals=list(range(len(names))),
+        ticktext=labels,
+        range=[len(names) - 0.4, -0.6],
+        showgrid=False,
+        zeroline=False,
+    )
 
 
 def _float32(values: Any) -> NDArray[np.float32]:

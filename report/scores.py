@@ -45,6 +45,12 @@ class Score:
         finite = self._finite(name)
         return float(np.std(finite, ddof=1)) if len(finite) > 1 else math.nan
 
+    def folds_below(self, other: Score) -> tuple[int, int]:
+        """Return in how many folds the error is smaller than the other's, and of how many folds both have one."""
+        mine, theirs = (dict(zip(s.values["fold"], s.values["mean_error"], strict=True)) for s in (self, other))
+        both = [fold for fold in mine if math.isfinite(mine[fold]) and math.isfinite(theirs.get(fold, math.nan))]
+        return sum(mine[fold] < theirs[fold] for fold in both), len(both)
+
     def _finite(self, name: str) -> list[float]:
         return [value for value in self.values.get(name, ()) if math.isfinite(value)]
 
@@ -78,7 +84,7 @@ def read_scores(path: Path, columns: Sequence[str]) -> list[Score]:
             prefix = "train_" if row.get("split") == "train" else ""
             values = found.setdefault(key, {})
             for name in columns:
-                if name.startswith(("mean_", "coverage_")) or name == "samples":
+                if name.startswith(("mean_", "coverage_")) or name in ("fold", "samples"):
                     values.setdefault(prefix + name, []).append(_number(path, reader.line_num, name, row[name]))
     scores = [
         Score(driver, model, {n: int(float(v)) for n, v in zip(names, given, strict=True) if v}, values)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import partial
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,6 +17,7 @@ from ..schemas.tables import LOOKAHEAD_COLUMNS, MOTION_PRIMITIVE_COLUMNS
 from . import figures, tables
 from .blocks import Block, Column, Facts, Figure, Gallery, Listing, Note, Section, Table
 from .drives import Drive, column, describe, readable
+from .predictions import predicted_stretch
 from .provenance import inputs_table, parameters_table, signals_table, versions_table
 from .scores import read_scores
 from .tables import count, entries, number, text
@@ -62,10 +62,10 @@ class Content:
         ]
         return [Section("summary", "Summary", self._summary()), *rest]
 
-    def _guarded(self, read: Callable[[Path], Result], path: Path) -> Result | None:
-        """Read a file; where it is missing or wrong, return None and list the problem."""
+    def _guarded(self, read: Callable[..., Result], *of: Any) -> Result | None:
+        """Read a file, or compute from files; where one is missing or wrong, return None and list the problem."""
         try:
-            return read(path)
+            return read(*of)
         except InputError as error:
             self.problems.append((_where(error.path, error.where, self.project), error.reason))
             return None
@@ -104,6 +104,8 @@ class Content:
             if not entry["clock"]["applied"] and not self.trusted:
                 reason = entry["clock"]["reason"]
                 self.problems.append((key, f"the CAN clock was not aligned: {reason}; CAN and navigation may be apart"))
+        if reason := self.manifest.get("calibration", {}).get("reason"):
+            self.problems.append(("steering calibration", reason))
         known = {name for name, _ in entries(self.manifest, "recordings")}
         for name in sorted({event.recording for event in self.events} - known):
             self.problems.append(("events.csv", f"events of {name!r}, which is no converted recording"))
@@ -230,8 +232,7 @@ class Content:
              figures.errors_of_models, "errors of the motion primitives and baselines; bars: sd over the folds."),
         ):  # fmt: skip
             path = self.project.results_folder / name
-            read = partial(read_scores, columns=columns)
-            scores = (self._guarded(read, path) if path.exists() else None) or []
+            scores = (self._guarded(read_scores, path, columns) if path.exists() else None) or []
             if not scores:
                 blocks.append(Note(f"There is no results/{name} with results yet.", "wheelprint evaluate"))
             for driver in dict.fromkeys(score.driver for score in scores):
@@ -241,7 +242,22 @@ class Content:
         return blocks
 
     def _predictions(self) -> list[Block]:
-        return [Note("No model of motion primitives was trained yet.", "wheelprint train")]
+        trained = [name.partition("/") for name, _ in entries(self.manifest, "models")]
+        drivers = [driver for model, _, driver in trained if model == "motion_primitives"]
+        if not drivers:
+            return [Note("No model of motion primitives was trained yet.", "wheelprint train")]
+        shown = []
+        for driver in drivers:
+            outputs = self.manifest.get("dataset", {}).get(driver, {}).get("outputs", ())
+            names = [output["recording"] for output in outputs]
+            figure = self._guarded(predicted_stretch, self.project, driver, names)
+            if figure is not None:
+                shown.append(figure)
+        caution = (
+            "The models were trained on all data of their driver, these stretches included. Section “Model errors” "
+            "says how well they do on data that they have not seen."
+        )
+        return [Note(caution), Gallery(shown, wide=True)] if shown else [Note("No recording has a whole window.")]
 
     def _provenance(self) -> list[Block]:
         converted = bool(entries(self.manifest, "recordings"))
@@ -281,18 +297,17 @@ def _events_table(events: list[Event], starts: Mapping[str, int]) -> Table:
 
 def _calibration(calibration: Mapping[str, Any]) -> list[tuple[str, str]]:
     items = []
-    for name, label, unit in (
-        ("steering_ratio", "steering ratio", ""),
-        ("steering_offset_deg", "steering offset", "°"),
-    ):
-        value, error = calibration.get(name), calibration.get(f"{name}_standard_error")
-        if value is not None:
-            is_estimated = name in calibration.get("estimated", ()) and error is not None
-            shown = f"{value:.2f} ± {error:.2f}{unit}" if is_estimated else f"{value:.2f}{unit}"
-            items.append(
-                (shown.replace("-", "−"), f"{label}, {'estimated ± standard error' if is_estimated else 'given'}")
-            )
-    return items
+    estimated = calibration.get("estimated", ())
+    for key, name, unit in (("steering_ratio", "steering ratio", ""), ("steering_offset_deg", "steering offset", "°")):
+        value, error = calibration.get(key), calibration.get(f"{key}_standard_error")
+        if value is None:
+            continue
+        if key.removesuffix("_deg") in estimated and error:
+            digits = max(1 - math.floor(math.log10(error)), 0)
+            items.append((f"{value:.{digits}f} ± {error:.{digits}f}{unit}", f"{name}, estimated ± standard error"))
+        else:
+            items.append((f"{value:g}{unit}", f"{name}, given in wheelprint.toml"))
+    return [(value.replace("-", "−"), meaning) for value, meaning in items]
 
 
 def _where(path: str, where: str, project: Project) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from .blocks import Cell, Column, Mark, Table
@@ -191,8 +191,8 @@ def lookahead_table(driver: str, scores: Sequence[Score]) -> Table:
     rivals = [score for score in scores if score.model != KNOWS_MORE]
     columns = [
         Column("Model", numeric=False), Column("Components N"), Column("Regressors n₂"),
-        Column("Test error", "m"), Column("against best baseline", "%"), Column("Test sd", "m"),
-        Column("Training error", "m"), Column("Training sd", "m"), Column("Folds"), Column("Test samples"),
+        Column("Test error", "m"), Column("against best baseline", "%"), Column("better in", "folds"),
+        Column("Test sd", "m"), Column("Training error", "m"), Column("Training sd", "m"), Column("Test samples"),
     ]  # fmt: skip
     rows = [
         [
@@ -200,18 +200,17 @@ def lookahead_table(driver: str, scores: Sequence[Score]) -> Table:
             count(score.parameters.get("components")),
             count(score.parameters.get("regressors")),
             spread(score, "mean_error", 2, _best(score, rivals)),
-            _gain(score, rivals),
+            *_gain(score, rivals),
             spread(score, "mean_sd", 2),
             spread(score, "train_mean_error", 2),
             spread(score, "train_mean_sd", 2),
-            count(len(score.values.get("mean_error", ()))),
             count(_total(score)),
         ]
         for score in scores
     ]
     caption = (
         f"{driver}: error of the predicted lookahead distance, mean ± standard deviation over the folds; ★ is the "
-        "smallest. “sd” is the standard deviation that the model itself states (PP eq. 22 and 23). Persistence "
+        "smallest mean. “sd” is the standard deviation that the model itself states (PP eq. 22 and 23). Persistence "
         "repeats the distance of 0.1 s before, which takes the driver's own steering to know; no model is given it, "
         "and none is measured by it."
     )
@@ -222,8 +221,8 @@ def motion_primitives_table(driver: str, scores: Sequence[Score]) -> Table:
     """List the errors of the motion primitives of one driver, its baselines first (MP, Table II)."""
     columns = [
         Column("Model", numeric=False), Column("Path types n₁"), Column("Past steps n₂"), Column("Components n₄"),
-        Column("ave_err", "°"), Column("against best baseline", "%"), Column("var", "°²"),
-        Column("within 68 % band", "%"), Column("within 95 % band", "%"), Column("Folds"), Column("Test samples"),
+        Column("ave_err", "°"), Column("against best baseline", "%"), Column("better in", "folds"), Column("var", "°²"),
+        Column("within 68 % band", "%"), Column("within 95 % band", "%"), Column("Test samples"),
     ]  # fmt: skip
     rows = [
         [
@@ -232,19 +231,18 @@ def motion_primitives_table(driver: str, scores: Sequence[Score]) -> Table:
             number(score.parameters.get("past_steps"), 0),
             count(score.parameters.get("components")),
             spread(score, "mean_error", 2, _best(score, scores)),
-            _gain(score, scores),
+            *_gain(score, scores),
             spread(score, "mean_variance", 2),
             spread(score, "coverage_68", 1, factor=100),
             spread(score, "coverage_95", 1, factor=100),
-            count(len(score.values.get("mean_error", ()))),
             count(_total(score)),
         ]
         for score in scores
     ]
     caption = (
         f"{driver}: error of the predicted steering wheel angle, mean ± standard deviation over the folds "
-        "(MP, Table II); ★ is the smallest. “var” is the variance that the model states; its bands should hold what "
-        "they promise."
+        "(MP, Table II); ★ is the smallest mean. “var” is the variance that the model states; its bands should hold "
+        "what they promise."
     )
     return Table(caption, columns, rows)
 
@@ -254,13 +252,16 @@ def _best(score: Score, scores: Sequence[Score]) -> Mark:
     return "best" if score in scores and score.mean("mean_error") == least else ""
 
 
-def _gain(score: Score, scores: Iterable[Score]) -> Cell:
-    """Return how much smaller or larger a model's error is than that of the best baseline."""
-    errors = [error for other in scores if other.is_baseline and math.isfinite(error := other.mean("mean_error"))]
-    gain = math.nan if score.is_baseline or not errors else 100 * (score.mean("mean_error") / min(errors) - 1)
-    if not math.isfinite(gain):
-        return text(None)
-    return text(f"{gain:+.0f}".replace("-", "−"), "alert" if gain > 0 else "")
+def _gain(score: Score, rivals: Sequence[Score]) -> list[Cell]:
+    """Compare a model's error with the best baseline's: by how much it differs, and in how many folds it is smaller."""
+    baselines = [other for other in rivals if other.is_baseline and math.isfinite(other.mean("mean_error"))]
+    if score.is_baseline or not baselines or not math.isfinite(score.mean("mean_error")):
+        return [text(None), text(None)]
+    bar = min(baselines, key=lambda other: other.mean("mean_error"))
+    percent = round(100 * (score.mean("mean_error") / bar.mean("mean_error") - 1))
+    below, folds = score.folds_below(bar)
+    shown = f"{percent:+d}".replace("-", "−") if percent else "0"
+    return [text(shown, "alert" if percent > 0 else ""), text(f"{below} of {folds}")]
 
 
 def _total(score: Score) -> int | None:

@@ -61,8 +61,19 @@ class Hazards(NamedTuple):
     extent: FloatArray
 
 
-class Hands(NamedTuple):
-    """How the driver steers: see `Driver`; `noise` is rad (n_samples,) at the road wheels."""
+class Manner(NamedTuple):
+    """How the driver steers and presses the pedals: see `Driver`.
+
+    Attributes:
+        lookahead_base: m.
+        lookahead_time: s.
+        lookahead_minimum: m.
+        lookahead_maximum: m.
+        smoothing: s.
+        acceleration: m/s², the most the driver asks for.
+        noise: rad (n_samples,), of the angle of the road wheels.
+        speed_noise: (n_samples,), share by which the speed is missed.
+    """
 
     lookahead_base: float
     lookahead_time: float
@@ -84,14 +95,6 @@ class Chassis(NamedTuple):
     steering_speed: float
     acceleration: float
     deceleration: float
-
-
-@njit(cache=True)
-def yaw_curvature(
-    road_wheel_angle: FloatArray, speed: FloatArray, wheelbase: float, understeer_gradient: float
-) -> FloatArray:
-    """Return yaw rate over speed (1/m) of a bicycle with understeer; for floats and arrays."""
-    return np.tan(road_wheel_angle) / (wheelbase + understeer_gradient * speed**2)
 
 
 @njit(cache=True)
@@ -125,22 +128,22 @@ def goal_point(x: float, y: float, distance: float, line: Line, first: int) -> t
 
 @njit(cache=True)
 def run(
-    line: Line, plan: Plan, hazards: Hazards, hands: Hands, chassis: Chassis, period: float
+    line: Line, plan: Plan, hazards: Hazards, manner: Manner, chassis: Chassis, period: float
 ) -> tuple[FloatArray, npt.NDArray[np.int64]]:
     """Drive for as long as there is noise.
 
-    The car begins at rest at the beginning of the centre line and stands for three seconds. Every row is
-    the state at one instant and what the driver makes of it; the next row follows from it by one step of `period`
-    seconds with trapezoidal integration.
+    The car begins at rest at the beginning of the centre line and stands for three seconds. Every row is the state at
+    one instant and what the driver makes of it; the next one follows from it by one step of `period` seconds with
+    trapezoidal integration.
 
     Returns:
         (n_samples, n_columns) as `COLUMNS` names them, in SI units and radians, where pursuit angle, lookahead and
         goal are NaN while the driver does not pursue: at standstill and in a swerve; and (n_samples,) the index of the
         hazard that the driver reacts to, -1 for none.
     """
-    n = len(hands.noise)
+    n = len(manner.noise)
     last = len(line.x) - 1
-    states = np.empty((n, 16))
+    states = np.empty((n, len(COLUMNS)))
     reactions = np.full(n, -1)
     foot = 0
     x, y = line.x[0], line.y[0]
@@ -181,9 +184,9 @@ def run(
             reactions[k] = reaction
             elapsed += period
 
-        # Steering: PP eq. 1 towards the goal point on the centre line; in a swerve the plain pulse on top of what was.
-        lookahead = hands.lookahead_base + hands.lookahead_time * speed
-        lookahead = min(max(lookahead, hands.lookahead_minimum), hands.lookahead_maximum)
+        # Steering: PP eq. 1 towards the goal point on the centre line; in a swerve a pulse on top of what was before.
+        lookahead = manner.lookahead_base + manner.lookahead_time * speed
+        lookahead = min(max(lookahead, manner.lookahead_minimum), manner.lookahead_maximum)
         goal_x, goal_y = goal_point(x, y, lookahead, line, foot)
         bearing = math.atan2(goal_y - y, goal_x - x) - heading
         pursuit = math.atan(2 * chassis.wheelbase * math.sin(bearing) / lookahead)
@@ -212,10 +215,10 @@ def run(
         else:
             ahead = max(s + 0.3 * speed + 0.5, departed + 1.0)
             place = min(int(ahead / line.step), last)
-            aim = max(plan.speed[place] * (1.0 + hands.speed_noise[k]), 0.8)
+            aim = max(plan.speed[place] * (1.0 + manner.speed_noise[k]), 0.8)
             # At walking pace the car creeps up to the line, however early the braking was.
             planned = plan.acceleration[place] if speed > 1.5 else max(plan.acceleration[place], 0.0)
-            wanted = min(planned + (aim - speed) / 1.5, hands.acceleration)
+            wanted = min(planned + (aim - speed) / 1.5, manner.acceleration)
             if speed < 2.0 and wanted < 0.0:
                 wanted = max(wanted, -0.4 - 0.7 * speed)
             if next_stop < len(plan.stop) and plan.stop[next_stop] - s < 0.3:
@@ -241,8 +244,8 @@ def run(
                 departed = s
         if mode != SWERVING and speed > 0.0:
             # After a swerve the driver takes hold of the lane again by and by.
-            time = hands.smoothing if mode != RECOVERING else 3 * hands.smoothing
-            smoothed += (pursuit + hands.noise[k] - smoothed) * (1 - math.exp(-period / time))
+            time = manner.smoothing if mode != RECOVERING else 3 * manner.smoothing
+            smoothed += (pursuit + manner.noise[k] - smoothed) * (1 - math.exp(-period / time))
         angle += rate * period
         next_curvature = math.tan(angle) / (chassis.wheelbase + chassis.understeer_gradient * next_speed**2)
         next_slip = -chassis.rear_slip * next_speed**2 * next_curvature

@@ -269,7 +269,7 @@ def drive(
     Returns:
         `duration` × `RATE` samples.
     """
-    from .closed_loop import BRAKING, COLUMNS, SWERVING, Chassis, Hands, Hazards, Line, Plan, run
+    from .closed_loop import BRAKING, COLUMNS, SWERVING, Chassis, Hazards, Line, Manner, Plan, run
 
     samples = round(duration * RATE)
     steering_noise = np.radians(driver.steering_noise / car.steering_ratio)
@@ -282,7 +282,7 @@ def drive(
             intentions.strengths,
             intentions.extents,
         ),
-        Hands(
+        Manner(
             driver.lookahead_base,
             driver.lookahead_time,
             driver.lookahead_minimum,

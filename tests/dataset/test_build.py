@@ -20,6 +20,7 @@ from wheelprint.dataset.build import plan_build
 from wheelprint.dataset.events import Event, read_events, write_events
 from wheelprint.dataset.folds import deal_folds
 from wheelprint.dataset.lookahead import lookahead_distance
+from wheelprint.dataset.steering import steering_series
 from wheelprint.schemas.errors import InputError
 from wheelprint.schemas.project import Project
 from wheelprint.schemas.store import Manifest, describe_output, publish_table, read_table, sha256
@@ -52,6 +53,13 @@ def three_labels(
     return labels, means, weights, [(k, 100.0 - k) for k in range(1, maximum + 1)]
 
 
+def single_label(
+    features: Floats, _clusters: int | Literal["bic"], _maximum: int, _seed: int
+) -> tuple[NDArray[np.int64], Floats, Floats, list[tuple[int, float]]]:
+    """Another clustering."""
+    raise NotImplementedError
+
+
 def synthetic_drive(seed: int, start: int) -> dict[str, Floats]:
     """A car that follows a winding road kinematically, stands at first, brakes hard once, and has one gap."""
     rng = np.random.default_rng(seed)
@@ -74,6 +82,7 @@ def synthetic_drive(seed: int, start: int) -> dict[str, Floats]:
         "heading": course.copy(),
         "nav_speed": speed,
         "speed": speed * 1.1,
+        "nav_yaw_rate": np.degrees(speed * np.tan(np.radians(bend)) / WHEELBASE),
         "nav_longitudinal_acceleration": acceleration,
         "steering_wheel_angle": bend * RATIO + OFFSET + rng.normal(0, 0.5, SAMPLES),
     }  # fmt: skip
@@ -119,7 +128,7 @@ def build(project: Project) -> tuple[dict[str, Outcome | InputError], list[Input
     tasks, problems = plan_build(project, three_labels)
     outcomes: dict[str, Outcome | InputError] = {}
     for task in tasks:
-        task = pickle.loads(pickle.dumps(task))  # noqa: PLW2901, S301  as on its way to another process
+        task = pickle.loads(pickle.dumps(task))  # noqa: PLW2901  as on its way to another process
         try:
             outcomes[task.name] = outcome = task.run(**task.arguments)
         except InputError as error:
@@ -328,6 +337,8 @@ def test_only_what_concerns_a_driver_makes_a_task_new(project: Project) -> None:
     (project.directory / "wheelprint.toml").write_text(CONFIG + "[dataset]\nsmoothing_window = 1\n", encoding="utf-8")
     third = fingerprints()
     assert set(third.values()).isdisjoint(second.values())
+    other = {task.fingerprint for task in plan_build(Project(project.directory), single_label)[0]}
+    assert other.isdisjoint(third.values())
 
 
 def test_the_cars_speed_can_be_taken(tmp_path: Path) -> None:
@@ -433,6 +444,28 @@ def test_what_is_not_converted_is_named_and_left_out(project: Project) -> None:
     assert [output["recording"] for output in outcome.entry["outputs"]] == ["monday"]
 
 
+def test_a_damaged_table_and_one_on_another_grid_are_left_out(project: Project) -> None:
+    damaged = project.synced_file("anna", "tuesday")
+    content = bytearray(damaged.read_bytes())
+    content[len(content) // 2] ^= 1
+    damaged.write_bytes(content)
+    slow = synthetic_drive(3, START)
+    slow["time"] = START + (slow["time"] - START) * 2
+    publish_table(project.synced_file("Bö b", "ring"), synced_table(slow))
+    output = describe_output(project.directory, project.synced_file("Bö b", "ring"))
+    Manifest(project.directory).record("recordings", "Bö b/ring", {"outputs": [output]})
+    outcomes, problems = build(project)
+    assert str(problems[0]) == (
+        f"{project.synced_file('Bö b', 'ring')}: time: its rows are 0.2 s apart where sync.rate = 10 Hz asks for 0.1 s, "
+        "and it is left out of the dataset; run `wheelprint convert` again"
+    )
+    assert str(problems[1]).startswith(f"{damaged}: not a whole Parquet file (")
+    for driver, name in (("anna", "monday"), ("Bö b", "town")):
+        outcome = outcomes[driver]
+        assert isinstance(outcome, Outcome)
+        assert [output["recording"] for output in outcome.entry["outputs"]] == [name]
+
+
 def test_a_driver_without_any_converted_recording_loses_the_old_dataset(project: Project) -> None:
     built(project)
     for name in RECORDINGS["anna"]:
@@ -513,3 +546,71 @@ def test_another_rate_keeps_the_meaning_of_neutral(tmp_path: Path) -> None:
     begins = np.diff(found["run"], prepend=-1) != 0
     is_neutral = np.abs(found["course_deviation"]) <= 0.025
     np.testing.assert_array_equal(found["path_side"][~begins] == "neutral", is_neutral[~begins])
+
+
+def test_what_is_not_given_of_the_steering_is_estimated_and_told(tmp_path: Path) -> None:
+    project = make_project(tmp_path, config="[vehicle]\nwheelbase = 2.8\n")
+    built(project)
+    told = project.manifest["calibration"]
+    assert told["steering_ratio"] == pytest.approx(RATIO, rel=0.01)
+    assert told["steering_offset_deg"] == pytest.approx(OFFSET, abs=0.2)
+    assert 0 < told["steering_ratio_standard_error"] < 0.2
+    assert 0 < told["steering_offset_deg_standard_error"] < 0.2
+    assert told["estimated"] == ["steering_ratio", "steering_offset"]
+    found = rows(project)
+    np.testing.assert_allclose(found["road_wheel_angle"], found["steering_wheel_angle"] / told["steering_ratio"])
+    (tmp_path / "wheelprint.toml").write_text("[vehicle]\nwheelbase = 2.8\nsteering_ratio = 14.0\n", encoding="utf-8")
+    built(Project(tmp_path))
+    told = project.manifest["calibration"]
+    assert (told["steering_ratio"], told["steering_ratio_standard_error"]) == (14.0, 0.0)
+    assert told["estimated"] == ["steering_offset"]
+
+
+def test_the_steering_is_not_estimated_twice(project: Project, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan_build(project, three_labels)
+    monkeypatch.setattr("wheelprint.dataset.steering.estimate_steering", None)
+    plan_build(project, three_labels)
+    publish_table(path := project.synced_file("anna", "monday"), synced_table(synthetic_drive(9, START)))
+    entry = {"outputs": [describe_output(project.directory, path)], "fingerprint": "", "problems": []}
+    Manifest(project.directory).record("recordings", "anna/monday", entry)
+    with pytest.raises(TypeError):
+        plan_build(project, three_labels)
+
+
+def test_gaps_and_the_ends_of_recordings_are_seen_by_the_calibration() -> None:
+    signals = synthetic_drive(1, START)
+    signals["yaw_rate"] = signals["nav_yaw_rate"] + 1.0
+    signals["nav_yaw_rate"] = np.where(np.arange(SAMPLES) < 20, np.nan, signals["nav_yaw_rate"])
+    series = steering_series(synced_table(signals))
+    assert series.shape == (3, SAMPLES + 1)
+    assert np.isnan(series[:, GAP]).all()
+    assert np.isnan(series[:, -1]).all()
+    np.testing.assert_array_equal(series[1, :20], signals["yaw_rate"][:20])
+    np.testing.assert_array_equal(series[1, 20 : GAP.start], signals["nav_yaw_rate"][20 : GAP.start])
+    np.testing.assert_array_equal(series[2, :20], signals["nav_speed"][:20])
+
+
+def test_a_steering_that_cannot_be_told_is_an_error(tmp_path: Path) -> None:
+    def unmapped(_driver: str, _name: str, signals: dict[str, Floats]) -> None:
+        del signals["steering_wheel_angle"]
+
+    project = make_project(tmp_path, unmapped, "[vehicle]\nwheelbase = 2.8\nsteering_offset = 1.0\n")
+    with pytest.raises(InputError) as caught:
+        plan_build(project, three_labels)
+    assert str(caught.value) == (
+        f"{tmp_path}/wheelprint.toml: vehicle.steering_ratio: no number is given, and none can be estimated: "
+        "no recording has any steering_wheel_angle"
+    )
+    assert len(read_events(project.events_file)) == 8
+
+
+def test_steering_of_the_wrong_sign_is_said_even_where_numbers_are_given(tmp_path: Path) -> None:
+    def reverse(_driver: str, _name: str, signals: dict[str, Floats]) -> None:
+        signals["steering_wheel_angle"] *= -1
+
+    _, problems = plan_build(make_project(tmp_path, reverse), three_labels)
+    assert len(problems) == 1
+    assert str(problems[0]).startswith(
+        f"{tmp_path}/wheelprint.toml: vehicle.steering_ratio, vehicle.steering_offset: taken as given, although the "
+        "steering wheel angle turns against the yaw rate (correlation -"
+    )

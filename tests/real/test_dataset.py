@@ -11,8 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 from wheelprint.dataset.detectors import propose_events
-from wheelprint.dataset.drive import Steering, derive
+from wheelprint.dataset.drive import derive
 from wheelprint.dataset.events import covered
+from wheelprint.dataset.steering import Steering
 from wheelprint.ingest.convert import plan_conversion
 from wheelprint.schemas.project import Project
 from wheelprint.schemas.store import read_table

@@ -16,17 +16,17 @@ LOOKAHEAD = """driver,model,components,regressors,fold,split,mean_error,mean_sd,
 anna,velocity,12,3,0,test,0.5,3.0,100
 anna,velocity,12,3,1,test,0.7,3.2,200
 anna,velocity,12,3,0,train,0.4,2.0,900
-anna,mean,,,0,test,1.0,,100
-anna,mean,,,1,test,2.0,,200
-anna,linear,,,0,test,0.9,4.0,100
-anna,linear,,,1,test,1.1,4.0,200
+anna,persistence,,,0,test,0.2,,100
+anna,ridge,,,1,test,1.1,4.0,200
+anna,ridge,,,0,test,0.9,4.0,100
 anna,general,3,,0,test,1.4,4.0,100
 anna,general,3,,1,test,,,0
 """
 PRIMITIVES = """coverage_68,driver,model,path_types,past_steps,future_steps,components,fold,mean_error,mean_variance,coverage_95,samples
-0.66,anna,motion_primitives,27,-1,50,3,0,2.2,7.0,0.93,40
-0.70,anna,motion_primitives,27,-1,50,3,1,2.4,9.0,0.97,60
-,anna,persistence,,,50,,0,2.0,,,40
+0.66,anna,mixture,27,-1,50,3,0,1.9,7.0,0.93,40
+0.70,anna,mixture,27,-1,50,3,1,2.7,9.0,0.97,60
+,anna,persistence,1,-1,50,,0,2.0,,,40
+,anna,persistence,1,-1,50,,1,2.0,,,60
 """  # noqa: E501  a table
 
 
@@ -46,8 +46,8 @@ def primitives(tmp_path: Path) -> list[Score]:
 
 def test_folds_of_one_model_are_one_score_and_baselines_come_first(lookahead: list[Score]) -> None:
     assert [(s.model, s.is_baseline, dict(s.parameters)) for s in lookahead] == [
-        ("linear", True, {}),
-        ("mean", True, {}),
+        ("persistence", True, {}),
+        ("ridge", True, {}),
         ("general", False, {"components": 3}),
         ("velocity", False, {"components": 12, "regressors": 3}),
     ]
@@ -62,12 +62,12 @@ def test_folds_of_one_model_are_one_score_and_baselines_come_first(lookahead: li
 def test_the_lookahead_table_shows_mean_and_deviation_beside_the_best_baseline(lookahead: list[Score]) -> None:
     table = lookahead_table("anna", lookahead)
     assert [[cell.text for cell in row] for row in table.rows] == [
-        ["linear", "–", "–", "1.00 ± 0.14", "–", "4.00 ± 0.00", "–", "–", "2", "300"],
-        ["mean", "–", "–", "1.50 ± 0.71", "–", "–", "–", "–", "2", "300"],
-        ["general", "3", "–", "1.40", "+40", "4.00", "–", "–", "2", "100"],
-        ["velocity", "12", "3", "0.60 ± 0.14", "−40", "3.10 ± 0.14", "0.40", "2.00", "2", "300"],
+        ["persistence", "–", "–", "0.20", "–", "–", "–", "–", "–", "100"],
+        ["ridge", "–", "–", "1.00 ± 0.14", "–", "–", "4.00 ± 0.00", "–", "–", "300"],
+        ["general", "3", "–", "1.40", "+40", "0 of 1", "4.00", "–", "–", "100"],
+        ["velocity", "12", "3", "0.60 ± 0.14", "−40", "2 of 2", "3.10 ± 0.14", "0.40", "2.00", "300"],
     ]
-    assert [row[3].mark for row in table.rows] == ["", "", "", "best"]
+    assert [row[3].mark for row in table.rows] == ["", "", "", "best"], "persistence knows more than models may"
     assert [row[0].mark for row in table.rows] == ["baseline", "baseline", "", ""]
     assert table.rows[2][4].mark == "alert", "worse than a baseline is said aloud"
 
@@ -75,23 +75,22 @@ def test_the_lookahead_table_shows_mean_and_deviation_beside_the_best_baseline(l
 def test_the_table_of_motion_primitives_has_the_columns_of_the_paper(primitives: list[Score]) -> None:
     table = motion_primitives_table("anna", primitives)
     assert [(column.title, column.unit) for column in table.columns[4:9]] == [
-        ("ave_err", "°"), ("against best baseline", "%"), ("var", "°²"), ("within 68 % band", "%"),
-        ("within 95 % band", "%"),
+        ("ave_err", "°"), ("against best baseline", "%"), ("better in", "folds"), ("var", "°²"),
+        ("within 68 % band", "%"),
     ]  # fmt: skip
     assert [[cell.text for cell in row] for row in table.rows] == [
-        ["persistence", "–", "–", "–", "2.00", "–", "–", "–", "–", "1", "40"],
+        ["persistence", "–", "−1", "–", "2.00 ± 0.00", "–", "–", "–", "–", "–", "100"],
         [
-            "motion_primitives", "27", "−1", "3", "2.30 ± 0.14", "+15", "8.00 ± 1.41", "68.0 ± 2.8", "95.0 ± 2.8", "2",
-            "100",
+            "mixture", "27", "−1", "3", "2.30 ± 0.57", "+15", "1 of 2", "8.00 ± 1.41", "68.0 ± 2.8", "95.0 ± 2.8", "100",
         ],
     ]  # fmt: skip
     assert table.rows[0][4].mark == "best", "a baseline may be the best"
-    assert primitives[1].label == "motion_primitives (n₁ = 27, n₂ = -1, n₃ = 50, n₄ = 3)"
+    assert [score.label for score in primitives] == ["persistence, n₂ = −1", "mixture, n₁ = 27, n₂ = −1, n₄ = 3"]
 
 
 def test_without_any_baseline_nothing_is_compared(lookahead: list[Score]) -> None:
     table = lookahead_table("anna", lookahead[2:])
-    assert [row[4].text for row in table.rows] == ["–", "–"]
+    assert [[cell.text for cell in row[4:6]] for row in table.rows] == [["–", "–"], ["–", "–"]]
 
 
 def test_a_table_with_missing_columns_is_an_input_error(tmp_path: Path) -> None:
