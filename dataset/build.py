@@ -223,8 +223,8 @@ def _read_synced(
         if np.any(steps != sync.period):
             found = " or ".join(f"{step / 1e9:g}" for step in steps[:3])
             reason = (
-                f"its rows are {found} s apart where sync.rate = {sync.rate:g} Hz asks for {sync.period / 1e9:g} s, and it "
-                "is left out of the dataset; run `wheelprint convert` again"
+                f"its rows are {found} s apart where sync.rate = {sync.rate:g} Hz asks for {sync.period / 1e9:g} s, "
+                "and it is left out of the dataset; run `wheelprint convert` again"
             )
             problems.append(InputError(project.directory / file, "time", reason))
             continue

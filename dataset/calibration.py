@@ -84,9 +84,13 @@ def estimate_steering(
     Returns:
         The calibration. What cannot be told is None, and `reason` says why.
     """
-    series = [np.asarray(values, np.float64) for values in (steering_wheel_angle, yaw_rate, speed)]
-    window = min(max(1, round(WINDOW_S * rate)), max(1, len(series[0])))
-    wheel, yaw, v = (np.convolve(values, np.full(window, 1.0 / window), "valid") for values in series)
+    window = max(1, round(WINDOW_S * rate))
+    # Missing samples behind the end make the window fit series of any length.
+    beyond = np.full(window, np.nan)
+    wheel, yaw, v = (
+        np.convolve(np.append(np.asarray(values, np.float64), beyond), np.full(window, 1.0 / window), "valid")
+        for values in (steering_wheel_angle, yaw_rate, speed)
+    )
     lateral = v * np.radians(yaw)
     used = np.isfinite(wheel) & (v > MINIMUM_SPEED) & (np.abs(lateral) < maximum_lateral_acceleration)
     wheel, yaw, v, lateral = wheel[used], yaw[used], v[used], lateral[used]
@@ -150,13 +154,17 @@ def _robust_fit(design: Array, target: Array, block: npt.NDArray[np.intp]) -> li
         target: (n_samples,).
         block: (n_samples,) number of each sample's block.
     """
-    weight = np.ones(len(target))
+    estimate, weight = np.full(design.shape[1], np.inf), np.ones(len(target))
     for _ in range(ITERATIONS):
-        root = np.sqrt(weight)
-        estimate = np.linalg.lstsq(design * root[:, None], target * root, rcond=None)[0]
+        before = estimate
+        weighted = design * weight[:, None]
+        # Least squares of the normal equations: where the data leave a direction open, the parameter stays 0.
+        estimate = np.linalg.lstsq(weighted.T @ design, weighted.T @ target, rcond=None)[0]
         residual = target - design @ estimate
         spread = max(1.4826 * float(np.median(np.abs(residual))), 1e-9)
         weight = np.minimum(1.0, HUBER * spread / np.maximum(np.abs(residual), 1e-12))
+        if np.allclose(estimate, before, rtol=1e-9, atol=1e-9):
+            break
     number = np.unique(block, return_inverse=True)[1]
     n_blocks, n = int(number.max()) + 1, design.shape[1]
     weighted = design * weight[:, None]

@@ -177,35 +177,48 @@ def _choose(figure: go.Figure, views: Mapping[str, Any]) -> None:
     )  # fmt: skip
 
 
-def lookahead(speed: Values, distance: Values, at_most: int = 2500, bin_width: float = 5.0) -> go.Figure:
+def lookahead(
+    speed: Values, distance: Values, spread: Values, narrow: float = 10.0, at_most: int = 2500, bin_width: float = 5.0
+) -> go.Figure:
     """Scatter one driver's lookahead distance over speed, with median and quartiles of bins of speed.
+
+    Samples whose steering tells the distance to within `narrow` are shown apart from those, on straight roads above
+    all, that many distances explain.
 
     Args:
         speed: (n_samples,) m/s.
         distance: (n_samples,) m; NaN where undefined.
+        spread: (n_samples,) m, range of the distances that explain the steering.
+        narrow: m.
         at_most: Points that are drawn; the bins are computed from all of them.
         bin_width: km/h.
     """
     defined = np.isfinite(distance) & np.isfinite(speed)
-    speed, distance = 3.6 * speed[defined], distance[defined]
-    figure = _figure("speed, km/h", "lookahead distance h, m", height=360)
+    speed, distance, told = 3.6 * speed[defined], distance[defined], spread[defined] <= narrow
+    figure = _figure("speed, km/h", "lookahead distance h, m", height=400)
     few = thin(len(speed), at_most)
-    figure.add_scatter(
-        x=_float32(speed[few]), y=_float32(distance[few]), mode="markers", name="samples", hoverinfo="skip",
-        marker={"size": 3, "color": SKY, "opacity": 0.45},
-    )  # fmt: skip
     bins = np.floor(speed / bin_width).astype(int)
-    filled = [number for number in np.unique(bins) if np.count_nonzero(bins == number) >= 20]
-    if filled:
-        centre = [(number + 0.5) * bin_width for number in filled]
-        low, middle, high = np.array([np.quantile(distance[bins == number], (0.25, 0.5, 0.75)) for number in filled]).T
-        quartiles = {
-            "type": "data", "symmetric": False, "array": _float32(high - middle), "arrayminus": _float32(middle - low),
-        }  # fmt: skip
+    kinds = ((f"spread above {narrow:g} m", ~told, GREY, 0.35), (f"spread up to {narrow:g} m", told, BLUE, 0.5))
+    for name, own, colour, opacity in kinds:
+        x, y = speed[few][own[few]], distance[few][own[few]]
+        marker = {"size": 3, "color": colour, "opacity": opacity}
+        figure.add_scatter(x=_float32(x), y=_float32(y), mode="markers", name=name, hoverinfo="skip", marker=marker)
+    for name, own, colour, _ in kinds:
+        filled = [number for number in np.unique(bins[own]) if np.count_nonzero(bins[own] == number) >= 20]
+        if not filled:
+            continue
+        quantiles = [np.quantile(distance[own & (bins == number)], (0.25, 0.5, 0.75)) for number in filled]
+        low, middle, high = np.array(quantiles).T
+        bars = {"array": _float32(high - middle), "arrayminus": _float32(middle - low)}
         figure.add_scatter(
-            x=centre, y=_float32(middle), mode="lines+markers", name=f"median, quartiles per {bin_width:g} km/h",
-            error_y=quartiles, line=_line(BLUE, 2), marker={"size": 7},
-        )  # fmt: skip
+            x=[(number + 0.5) * bin_width for number in filled],
+            y=_float32(middle),
+            mode="lines+markers",
+            name=f"{name}: median, quartiles",
+            error_y={"type": "data", "symmetric": False, **bars},
+            line=_line(colour, 2),
+            marker={"size": 7},
+        )
     figure.update_yaxes(rangemode="tozero")
     return figure
 
@@ -237,7 +250,7 @@ def errors_by_components(scores: Sequence[Score]) -> go.Figure:
     apart = 0.012 * (max(components) - min(components))  # Bars of different models would cover each other.
     for column, (what, title) in enumerate(panels, start=1):
         where = {"row": 1, "col": column}
-        figure.update_yaxes(title_text=title, rangemode="tozero", **where)
+        figure.update_yaxes(title_text=title, rangemode="tozero", minallowed=0, **where)
         figure.update_xaxes(title_text="number of components N", **where)
         for place, ((model, regressors), colour) in enumerate(zip(names, itertools.cycle(LINES), strict=False)):
             own = [s for s in models if (s.model, s.parameters.get("regressors")) == (model, regressors)]
@@ -286,7 +299,7 @@ def errors_of_models(scores: Sequence[Score]) -> go.Figure:
                 marker={"color": colour, "symbol": symbol, "size": 9},
             )
     _name_lanes(figure, [score.label for score in scores])
-    figure.update_xaxes(rangemode="tozero")
+    figure.update_xaxes(rangemode="tozero", minallowed=0)
     figure.update_layout(legend={"y": 1.02, "yanchor": "bottom"})
     return figure
 
@@ -340,10 +353,10 @@ def _figure(x_title: str, y_title: str, height: int) -> go.Figure:
 def _style(figure: go.Figure, height: int) -> None:
     axis = {
         "gridcolor": "#E6EAEE", "zerolinecolor": "#C9D0D6", "linecolor": GREY, "showline": True, "ticks": "outside",
-        "title": {"standoff": 8, "font": {"size": 13}}, "automargin": True,
+        "title": {"standoff": 8, "font": {"size": 13}},
     }  # fmt: skip
     figure.update_layout(
-        template="none", height=height, margin={"l": 62, "r": 14, "t": 12, "b": 48}, paper_bgcolor="#fff",
+        template="none", height=height, margin={"l": 68, "r": 14, "t": 12, "b": 48}, paper_bgcolor="#fff",
         plot_bgcolor="#fff", font={"family": FONT, "size": 13, "color": "#1b1f24"}, hovermode="closest",
         legend={"orientation": "h", "x": 0, "xanchor": "left", "y": -0.2, "yanchor": "top"},
     )  # fmt: skip
@@ -357,14 +370,13 @@ def _line(colour: str, width: float, dash: str = "solid") -> dict[str, Any]:
 
 def _name_lanes(figure: go.Figure, names: Sequence[str]) -> None:
     """Write names instead of 0, 1, 2, … on the vertical axis, from above."""
-    labels = [plain(name if len(name) <= 40 else f"{name[:39]}…") for name in names]
+    shown = [name if len(name) <= 40 else f"{name[:39]}…" for name in names]
     figure.update_yaxes(
-        tickvals=list(range(len(names))),
-        ticktext=labels,
-        range=[len(names) - 0.4, -0.6],
-        showgrid=False,
-        zeroline=False,
-    )
+        tickvals=list(range(len(names))), ticktext=[plain(name) for name in shown], range=[len(names) - 0.4, -0.6],
+        showgrid=False, zeroline=False,
+    )  # fmt: skip
+    # Plotly's own automargin cuts labels where the figure is narrow; Chinese characters are as wide as high.
+    figure.update_layout(margin_l=20 + max(sum(13.0 if char > "\u2e80" else 7.6 for char in name) for name in shown))
 
 
 def _float32(values: Any) -> NDArray[np.float32]:

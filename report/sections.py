@@ -202,14 +202,18 @@ class Content:
     def _lookahead(self) -> list[Block]:
         shown = []
         for driver, entry in entries(self.manifest, "dataset"):
-            found = [table.select(["speed", "lookahead"]) for table in self._tables(entry["outputs"])]
+            names = ("speed", "lookahead", "lookahead_spread")
+            found = [table.select(names) for table in self._tables(entry["outputs"])]
             if not found:
                 continue
             table = pa.concat_tables(found)
-            speed, distance = column(table, "speed"), column(table, "lookahead")
-            share = 100 * np.isfinite(distance).mean()
-            caption = f"{driver}: lookahead distance over speed; defined for {share:.0f} % of {len(distance):,} rows."
-            shown.append(Figure(caption, figures.lookahead(speed, distance)))
+            speed, distance, spread = (column(table, name) for name in names)
+            caption = (
+                f"{driver}: lookahead distance over speed; defined for {100 * np.isfinite(distance).mean():.0f} % of "
+                f"{len(distance):,} rows. Its spread, the range of distances that explain the steering as well, has a "
+                f"median of {np.nanmedian(spread) if np.isfinite(spread).any() else math.nan:.1f} m."
+            )
+            shown.append(Figure(caption, figures.lookahead(speed, distance, spread)))
         return [Gallery(shown) if shown else NOTHING_BUILT]
 
     def _clusters(self) -> list[Block]:

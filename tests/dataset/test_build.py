@@ -20,6 +20,7 @@ from wheelprint.dataset.build import plan_build
 from wheelprint.dataset.events import Event, read_events, write_events
 from wheelprint.dataset.folds import deal_folds
 from wheelprint.dataset.lookahead import lookahead_distance
+from wheelprint.dataset.segments import features
 from wheelprint.dataset.steering import steering_series
 from wheelprint.schemas.errors import InputError
 from wheelprint.schemas.project import Project
@@ -54,10 +55,11 @@ def three_labels(
 
 
 def single_label(
-    features: Floats, _clusters: int | Literal["bic"], _maximum: int, _seed: int
+    features: Floats, clusters: int | Literal["bic"], maximum: int, seed: int
 ) -> tuple[NDArray[np.int64], Floats, Floats, list[tuple[int, float]]]:
     """Another clustering."""
-    raise NotImplementedError
+    assert (clusters, seed) == ("bic", 0)
+    return np.ones(len(features), np.int64), features.mean(axis=0, keepdims=True), np.ones(1), [(maximum, 0.0)]
 
 
 def synthetic_drive(seed: int, start: int) -> dict[str, Floats]:
@@ -222,11 +224,16 @@ def test_the_columns_say_what_the_design_says(project: Project) -> None:
     firsts = np.flatnonzero(np.diff(segment, prepend=-1))
     previous, own, following = (np.array([int(t.split("-")[i]) for t in found["path_type"]]) for i in range(3))
     np.testing.assert_array_equal(own, label)
-    for first, second in pairwise(firsts):
-        connected = run[first] == run[second]
-        assert following[first] == (label[second] if connected else label[first])
-        assert previous[second] == (label[first] if connected else label[second])
-    assert entry["segments"] == 1 + segment[-1] + 1 + rows(project, "anna", "tuesday")["segment"][-1]
+    for this, after in pairwise(firsts):
+        connected = run[this] == run[after]
+        assert following[this] == (label[after] if connected else label[this])
+        assert previous[after] == (label[this] if connected else label[after])
+    second = rows(project, "anna", "tuesday")
+    parts = [features(r["course_deviation"], r["speed"], r["segment"], PERIOD) for r in (found, second)]
+    assert entry["segments"] == sum(map(len, parts))
+    expected_labels = three_labels(np.concatenate(parts), "bic", 3, 0)[0]
+    np.testing.assert_array_equal(label, expected_labels[: len(parts[0])][segment])
+    np.testing.assert_array_equal(second["path_label"], expected_labels[len(parts[0]) :][second["segment"]])
     assert [cluster["label"] for cluster in entry["clusters"]] == [1, 2, 3]
     assert sum(cluster["share"] for cluster in entry["clusters"]) == pytest.approx(1)
     deviations = [cluster["average_course_deviation_deg"] for cluster in entry["clusters"]]
@@ -428,8 +435,14 @@ def test_a_driver_with_too_little_fails_alone(tmp_path: Path) -> None:
 def test_what_is_not_converted_is_named_and_left_out(project: Project) -> None:
     (project.directory / "raw/anna/wednesday").mkdir()
     project.synced_file("anna", "tuesday").unlink()
+    with project.synced_file("Bö b", "town").open("ab") as file:
+        file.write(b"x")
     outcomes, problems = build(project)
     assert [str(problem) for problem in problems] == [
+        (
+            f"{project.synced_file('Bö b', 'town')}: not the file that `wheelprint convert` wrote, and left out of the "
+            "dataset; run it again"
+        ),
         (
             f"{project.synced_file('anna', 'tuesday')}: not the file that `wheelprint convert` wrote, and left out of "
             "the dataset; run it again"
@@ -456,8 +469,8 @@ def test_a_damaged_table_and_one_on_another_grid_are_left_out(project: Project) 
     Manifest(project.directory).record("recordings", "Bö b/ring", {"outputs": [output]})
     outcomes, problems = build(project)
     assert str(problems[0]) == (
-        f"{project.synced_file('Bö b', 'ring')}: time: its rows are 0.2 s apart where sync.rate = 10 Hz asks for 0.1 s, "
-        "and it is left out of the dataset; run `wheelprint convert` again"
+        f"{project.synced_file('Bö b', 'ring')}: time: its rows are 0.2 s apart where sync.rate = 10 Hz asks for 0.1 "
+        "s, and it is left out of the dataset; run `wheelprint convert` again"
     )
     assert str(problems[1]).startswith(f"{damaged}: not a whole Parquet file (")
     for driver, name in (("anna", "monday"), ("Bö b", "town")):
@@ -520,6 +533,14 @@ def test_fewer_segments_fewer_clusters(tmp_path: Path) -> None:
     ]  # fmt: skip
     assert set(rows(project)["path_type"]) == {"1-1-1"}
     assert len(entries["Bö b"]["clusters"]) == 3
+
+    def straight_tuesday(_driver: str, name: str, signals: dict[str, Floats]) -> None:
+        if name == "tuesday":
+            signals["course"][:] = 0.0
+
+    entry = built(make_project(tmp_path / "few", straight_tuesday))["anna"]
+    assert entry["segments"] in range(20, 60)
+    assert [row["clusters"] for row in entry["bic"]] == list(range(1, entry["segments"] // 10 + 1))
 
     project = make_project(tmp_path / "two", straight, CONFIG + "[segments]\nclusters = 2\n")
     outcomes, _ = build(project)

@@ -180,11 +180,12 @@ def test_a_decision_stays_and_takes_its_stretch_out_of_new_proposals() -> None:
 
 
 def test_a_remaining_padding_is_no_proposal() -> None:
-    decided = [event(1000, 2000, "normal"), event(4000, 5000, "emergency")]
+    decided = [event(1000, 2000, "normal"), event(4000, 5000, "emergency"), event(5300, 5400, "normal")]
     new = [
         event(500, 2500),  # 500 ms of padding on both sides
         event(499, 2501),
         event(1500, 4500),  # between two decisions
+        event(4500, 5350),  # the same, and as short as a padding
         event(6000, 6100),  # short, but nobody looked at it
         replace(event(900, 2100), kind="standstill"),
     ]
@@ -196,6 +197,8 @@ def test_a_remaining_padding_is_no_proposal() -> None:
         event(2000, 2501),
         event(2000, 4000),
         event(4000, 5000, "emergency"),
+        event(5000, 5300),
+        event(5300, 5400, "normal"),
         event(6000, 6100),
     ]
 

@@ -131,6 +131,17 @@ def test_nothing_comes_from_a_gap(method: Resampling) -> None:
     assert np.isfinite(found[(at > 50) & (at < 950)]).all()
 
 
+def test_a_gap_of_just_the_longest_length_is_bridged() -> None:
+    at = np.array([200], np.int64)
+    for width, bridged in ((MAX_GAP, True), (MAX_GAP + 1, False)):
+        two = np.array([0, width], np.int64)
+        assert np.isfinite(resample(two, [1.0, 2.0], at, "linear", MAX_GAP, PERIOD)).all() == bridged
+        assert np.isfinite(resample(two, [1.0, 2.0], at, "angle", MAX_GAP, PERIOD)).all() == bridged
+        assert np.isfinite(resample(two - width + 200, [1.0, np.nan], at, "hold", MAX_GAP, PERIOD)).all() == bridged
+        dense = np.concatenate((np.arange(-100, 101, 10), np.arange(100 + width, 400 + width, 10))).astype(np.int64)
+        assert np.isfinite(resample(dense, dense / 10, at, "mean", MAX_GAP, PERIOD)).all() == bridged
+
+
 def test_a_sample_on_the_grid_counts_by_itself() -> None:
     found = resample(np.array([0, 1000], np.int64), [1.0, 2.0], grid(0, 1001, 500), "linear", MAX_GAP, 500)
     np.testing.assert_array_equal(found, [1.0, np.nan, 2.0])

@@ -81,7 +81,8 @@ def test_the_table_of_motion_primitives_has_the_columns_of_the_paper(primitives:
     assert [[cell.text for cell in row] for row in table.rows] == [
         ["persistence", "–", "−1", "–", "2.00 ± 0.00", "–", "–", "–", "–", "–", "100"],
         [
-            "mixture", "27", "−1", "3", "2.30 ± 0.57", "+15", "1 of 2", "8.00 ± 1.41", "68.0 ± 2.8", "95.0 ± 2.8", "100",
+            "mixture", "27", "−1", "3", "2.30 ± 0.57", "+15", "1 of 2", "8.00 ± 1.41", "68.0 ± 2.8", "95.0 ± 2.8",
+            "100",
         ],
     ]  # fmt: skip
     assert table.rows[0][4].mark == "best", "a baseline may be the best"
