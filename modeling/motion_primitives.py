@@ -47,8 +47,11 @@ FEWEST_WINDOWS = 1
 OUTPUT_NOISE = 1e-6
 """Share of an output's variance that remains of the noise of `_fit`, to keep covariances positive definite."""
 
-TOLERANCE = 0.1
-"""EM ends when the mean log-likelihood of a window, several hundred nats, rises by less; more changes no prediction."""
+TOLERANCE = 1.0
+"""EM ends when the mean log-likelihood of a window, several hundred nats, rises by less.
+
+What follows sharpens the components on the windows learnt from: on eight drivers it made no held-out error smaller.
+"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -98,7 +98,7 @@ def alignment(key: str, table: pa.Table, clock: Mapping[str, Any], period: float
     length = round(STRETCH / period)
     both = np.isfinite(car) & np.isfinite(navigation)
     begins = range(0, max(len(both) - length, 0) + 1, max(length // 4, 1))
-    whole = [begin for begin in begins if both[begin : begin + length].all() and both.any()]
+    whole = [begin for begin in begins if both[begin : begin + length].all()]
     if not whole:
         return None
     begin = max(whole, key=lambda begin: float(np.std(navigation[begin : begin + length])))

@@ -6,6 +6,7 @@ import html
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,6 +27,8 @@ LINES = (BLUE, VERMILLION, GREEN, PURPLE, SKY, ORANGE)
 DECISIONS = {"proposed": ORANGE, "emergency": VERMILLION, "normal": GREEN}
 SHAPES = ("circle", "square", "diamond", "triangle-up", "cross", "x")
 SYMBOLS = {"proposed": "diamond", "emergency": "x", "normal": "circle"}
+WITHIN_68, WITHIN_95 = (NormalDist().inv_cdf((1 + share) / 2) for share in (0.68, 0.95))
+"""Half widths of Gaussian bands that hold 68 % and 95 %, in standard deviations."""
 FONT = 'system-ui, "Segoe UI", Roboto, "Noto Sans", "Noto Sans CJK SC", sans-serif'
 
 
@@ -128,7 +131,7 @@ def track(
     if label is None:
         figure.add_scatter(x=east, y=north, mode="markers", showlegend=False, marker=_by_speed(speed))
     else:
-        line = _line("#C9D0D6", 1)
+        line = _line("#AEB6BD", 1.5)
         figure.add_scatter(x=east, y=north, mode="lines", name="not in dataset", line=line, hoverinfo="skip")
         for value in np.unique(label[np.isfinite(label)]).astype(int).tolist():
             own = label == value
@@ -322,8 +325,8 @@ def prediction(
     apart = np.full((len(starts), 1), np.nan)
     around = np.hstack([time, time[:, ::-1], apart]).ravel()
     for factor, name, colour in (
-        (1.96, "95 % band", "rgba(0,114,178,0.16)"),
-        (1.0, "68 % band", "rgba(0,114,178,0.30)"),
+        (WITHIN_95, "95 % band", "rgba(0,114,178,0.16)"),
+        (WITHIN_68, "68 % band", "rgba(0,114,178,0.30)"),
     ):
         edge = np.hstack([mean + factor * sd, (mean - factor * sd)[:, ::-1], apart]).ravel()
         figure.add_scatter(

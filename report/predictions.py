@@ -17,8 +17,6 @@ from .drives import column, nanoseconds, readable
 
 PREDICTIONS = 6
 """Predictions shown one after the other, where a recording has so many in a row."""
-WITHIN_68 = 0.99445788
-"""Half width of a Gaussian band that holds 68 %, in standard deviations."""
 
 
 def predicted_stretch(project: Project, driver: str, recordings: Sequence[str]) -> Figure | None:
@@ -62,7 +60,7 @@ def predicted_stretch(project: Project, driver: str, recordings: Sequence[str]) 
         caption = (
             f"{driver}/{recording} from {readable(first)}: {number} predictions of {horizon / 1e9:g} s, one after the "
             f"other, where the steering moves most. Mean error here {error.mean():.1f}°, "
-            f"{100 * np.mean(error <= WITHIN_68 * sd):.0f} % within the 68 % band."
+            f"{100 * np.mean(error <= figures.WITHIN_68 * sd):.0f} % within the 68 % band."
         )
         return Figure(caption, figure)
     return None

@@ -291,7 +291,7 @@ def _events_table(events: list[Event], starts: Mapping[str, int]) -> Table:
     ]
     columns = [
         Column("Recording", numeric=False), Column("Start", "UTC", numeric=False), Column("After start", "s"),
-        Column("Duration", "s"), Column("Kind", numeric=False), Column("Severity", "peak / threshold"),
+        Column("Duration", "s"), Column("Kind", numeric=False), Column("Severity", "× threshold"),
         Column("Decision", numeric=False), Column("Decided by", numeric=False), Column("In dataset", numeric=False),
         Column("Note", numeric=False),
     ]  # fmt: skip

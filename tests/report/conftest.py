@@ -64,7 +64,7 @@ def make_project(directory: Path, minutes: float = 2.0) -> Project:
     manifest.content["calibration"] = {
         "steering_ratio": 15.93, "steering_ratio_standard_error": 0.021,
         "steering_offset_deg": -1.42, "steering_offset_deg_standard_error": 0.03,
-        "samples": 2300, "estimated": ["steering_ratio", "steering_offset_deg"],
+        "samples": 2300, "estimated": ["steering_ratio"], "reason": "",
     }  # fmt: skip
     publish_json(manifest.path, manifest.content)
     write_results(project)

@@ -143,6 +143,12 @@ def test_the_counts_add_up(page: Page) -> None:
     assert "records in = 396,003 accepted + 1 rejected" in page.text["summary"]
 
 
+def test_the_summary_says_what_was_calibrated_and_what_was_given(page: Page) -> None:
+    summary = " ".join(page.text["summary"].split())
+    assert "15.930 ± 0.021 steering ratio, estimated ± standard error" in summary
+    assert "−1.42° steering offset, given in wheelprint.toml" in summary
+
+
 def test_problems_stand_first_and_are_complete(page: Page) -> None:
     summary = page.text["summary"]
     assert summary.split("\n", 2)[1].strip() == "1 Summary"
