@@ -50,7 +50,8 @@ OUTPUT_NOISE = 1e-6
 TOLERANCE = 1.0
 """EM ends when the mean log-likelihood of a window, several hundred nats, rises by less.
 
-What follows sharpens the components on the windows learnt from: on eight drivers it made no held-out error smaller.
+What follows sharpens the components on the windows learnt from. For eight drivers, real and simulated, 0.01 instead of
+1 changed the error on held-out folds by −5 to +4 %, on average by nothing, and took up to four times as long.
 """
 
 
