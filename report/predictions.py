@@ -46,7 +46,9 @@ def predicted_stretch(project: Project, driver: str, recordings: Sequence[str]) 
         first, number = _liveliest(made, time, driven, horizon)
         shown = [int(np.searchsorted(made, first + k * horizon)) for k in range(number)]
         mean, sd = (np.array([table[name][row].as_py() for row in shown]) for name in ("mean", "sd"))
-        around = (time >= first - horizon // 5) & (time <= first + number * horizon)
+        run = column(dataset, "run")
+        same_run = run == run[np.searchsorted(time, first)]
+        around = same_run & (time >= first - horizon // 5) & (time <= first + number * horizon)
         true = np.array([driven[np.searchsorted(time, made[row]) + 1 :][: model.future_steps] for row in shown])
         figure = figures.prediction(
             (time[around] - first) / 1e9,

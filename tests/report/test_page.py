@@ -51,6 +51,8 @@ class Page(HTMLParser):
     def handle_endtag(self, tag: str) -> None:
         assert self.open, tag
         assert self.open.pop() == tag, "tags are nested properly"
+        if tag == "dt":
+            self.handle_data(" ")
         if tag == "section":
             self.section = ""
 
