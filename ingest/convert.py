@@ -28,6 +28,9 @@ from .readers import FrameReader, NavigationReader, Reader, recognise
 from .signal_files import as_facts, decode_log, signal_file
 from .synchronise import SampledSignal, read_mapped, read_navigation, synchronise
 
+DAY = 86_400_000_000_000
+LONGEST_RECORDING = 7 * DAY
+
 BESIDE_LOGS = frozenset(
     ".avi .dbc .doc .docx .jpeg .jpg .json .kcd .md .mkv .mp4 .pdf .png .sym .toml .txt .xls .xlsx .xml".split()
 )
@@ -116,8 +119,8 @@ def convert_recording(
         "clock": _clock_facts(clock),
         "origin": _origin(navigation),
     }
-    if overlap := _no_overlap(recording, sampled, nav_signals, clock):
-        return Outcome(entry, (*problems, overlap))
+    if mismatch := _no_overlap(recording, sampled, nav_signals, clock) or _too_long(recording, sampled, nav_signals):
+        return Outcome(entry, (*problems, mismatch))
     if not sampled and not nav_signals:
         return Outcome(entry, tuple(problems))
     synced = synchronise(sampled, nav_signals, clock, config.sync.period, round(config.sync.max_gap * 1e9))
@@ -282,9 +285,8 @@ def _clock(config: Config, can: Mapping[str, SampledSignal], nav: Mapping[str, S
         return ClockEstimate.trusted("the project file says that the CAN clock is UTC")
     if not isinstance(config.sync.clock, str):
         return ClockEstimate.fixed(config.sync.clock, "the project file gives the offset")
-    if "speed" not in can or "nav_speed" not in nav:
-        return ClockEstimate.trusted("the speed of the car or of navigation is missing")
-    speed, nav_speed = can["speed"], nav["nav_speed"]
+    nothing = SampledSignal(np.array([], np.int64), np.array([]), "", 0)
+    speed, nav_speed = can.get("speed", nothing), nav.get("nav_speed", nothing)
     yaw, nav_yaw = can.get("yaw_rate"), nav.get("nav_yaw_rate")
     return estimate_clock(
         speed.time,
@@ -321,3 +323,20 @@ def _no_overlap(
         "logger's clock is off: then give sync.clock its offset in seconds"
     )
     return InputError(recording.folder, "", reason)
+
+
+def _too_long(
+    recording: Recording, can: Mapping[str, SampledSignal], nav: Mapping[str, SampledSignal]
+) -> InputError | None:
+    """Refuse stamps that no drive has: one frame stamped 1970 would ask for a grid of decades."""
+    for source, signals in (("the CAN log", can), ("navigation", nav)):
+        start = min((int(signal.time.min()) for signal in signals.values()), default=0)
+        stop = max((int(signal.time.max()) for signal in signals.values()), default=0)
+        if stop - start > LONGEST_RECORDING:
+            reason = (
+                f"{source} goes from {iso_utc(start)} to {iso_utc(stop)}, longer than a recording can be "
+                f"({LONGEST_RECORDING // DAY} days); some stamps are broken, or several recordings lie in one folder: "
+                "remove those records, or give each recording its folder"
+            )
+            return InputError(recording.folder, "", reason)
+    return None

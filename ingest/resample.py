@@ -33,8 +33,9 @@ def resample(
         method: `linear` between the two neighbours if they are at most `max_gap` apart; a sample that hits the grid
             counts by itself. `angle` the same in degrees along the shorter arc, in [-180, 180). `mean` the average of
             the piecewise linear signal over one `period` centred on the grid time, where all of that period is
-            covered by samples at most `max_gap` apart; `linear` if the samples are not at least twice as dense as the
-            grid: at least half of their distances at most half a period. `hold` the last value at or before, not older than `max_gap`.
+            covered by samples at most `max_gap` apart; `linear` instead if the samples are not twice as dense as the
+            grid, that is if less than half of their distances are at most 0.55 periods, which leaves room for jitter.
+            `hold` the last value at or before, not older than `max_gap`.
         max_gap: Longest gap that is bridged, ns.
         period: Period of the grid, ns.
 
@@ -48,7 +49,7 @@ def resample(
         before = np.searchsorted(time, grid_time, "right") - 1
         held = (before >= 0) & (grid_time - time[before] <= max_gap)
         return np.where(held, samples[before], np.nan)
-    if method == "mean" and len(time) > 1 and np.mean(2 * np.diff(time) <= period) >= 0.5:
+    if method == "mean" and len(time) > 1 and np.mean(20 * np.diff(time) <= 11 * period) >= 0.5:
         return _average(time, samples, grid_time, max_gap, period)
     return _interpolate(time, samples, grid_time, max_gap, circular=method == "angle")
 

@@ -99,7 +99,7 @@ def synchronise(
     sources |= {name: (s.time, s.values) for name, s in navigation.items()}
     grid_time = grid(
         min(int(time.min()) for time, _ in sources.values()),
-        max(int(time.max()) for time, _ in sources.values()),
+        max(int(time.max()) for time, _ in sources.values()) + 1,
         period,
     )
     on_grid = {

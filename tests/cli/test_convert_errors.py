@@ -133,6 +133,19 @@ def test_logs_of_two_drives_mixed_up(project: Path, wheelprint: Command) -> None
     assert set(synced_rows(project)) == {TWO}
 
 
+def test_a_frame_from_1970(project: Path, wheelprint: Command) -> None:
+    path = project / "raw" / ONE / "can.log"
+    path.write_bytes(b"(0000000001.000000) can0 121#0000\n" + path.read_bytes())
+    answer = wheelprint("convert", "--project", project, "--workers", "1")
+    assert answer.status == 3
+    assert len(answer.problems) == 1
+    assert answer.problems[0].startswith(
+        f"{project}/raw/{ONE}: : the CAN log goes from 1970-01-01T00:00:01.000Z to 2024-05-13T01:0"
+    )
+    assert answer.problems[0].endswith("remove those records, or give each recording its folder")
+    assert set(synced_rows(project)) == {TWO}
+
+
 def test_a_recording_that_holds_nothing(project: Path, wheelprint: Command) -> None:
     (project / "raw" / "driver01" / "empty").mkdir()
     answer = wheelprint("convert", "--project", project, "--workers", "1")

@@ -40,7 +40,7 @@ def plain(recording: list[tuple[int, float]], at: int, method: Resampling) -> fl
         return earlier[-1][1] if earlier and at - earlier[-1][0] <= MAX_GAP else math.nan
     if method == "mean" and len(points) > 1:
         steps = [b - a for (a, _), (b, _) in itertools.pairwise(points)]
-        if sum(2 * step <= PERIOD for step in steps) >= len(steps) / 2:
+        if sum(step <= 55 for step in steps) >= len(steps) / 2:
             return plain_mean(points, at)
     if at in last_of_equal:
         return wrapped(last_of_equal[at]) if method == "angle" else last_of_equal[at]

@@ -39,7 +39,7 @@ def test_ridge_is_that_of_scikit_learn(penalty: float) -> None:
 
 
 def test_penalty_is_chosen_over_blocks_with_gaps() -> None:
-    inputs, outputs = linear(60, noise=20.0)
+    inputs, outputs = linear(60, noise=60.0)
     penalties, blocks, gap = (0.1, 10.0, 1000.0), 4, 3
     Z, level = StandardScaler().fit_transform(inputs), outputs.mean(axis=0)
     errors = {penalty: np.empty_like(outputs) for penalty in penalties}
