@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Self
 
 from .output import Report, console
-from .runner import StageResult, Workers, available_cores, run_stage
+from .runner import Workers, available_cores, run_stage
 from .schemas.errors import InputError
 from .schemas.store import Manifest
 
@@ -62,7 +62,10 @@ class Pipeline:
         self._stage("build", *plan_build(self._project, cluster_segments))
         rows: list[Sequence[Any]] = []
         for driver, entry in self._entries("dataset").items():
-            out = ", ".join(f"{kind} {seconds:.0f} s" for kind, seconds in entry["excluded"].items() if seconds) or "–"
+            out = (
+                ", ".join(f"{kind} {seconds:.0f} s" for kind, seconds in entry["excluded"].items() if seconds >= 0.5)
+                or "–"
+            )
             rows.append(
                 (driver, entry["driven_s"] / 60, entry["distance_m"] / 1000, entry["segments"],
                  len(entry["clusters"]), out)
@@ -103,14 +106,13 @@ class Pipeline:
             self._report.problems.append(error)
         self.report()
 
-    def _stage(self, title: str, tasks: Sequence[Task], problems: Sequence[InputError]) -> None:
-        result: StageResult = run_stage(
-            title, tasks, Manifest(self._project.directory), self._workers, console(stderr=True), force=self._force
-        )
-        result.problems[:0] = problems
+    def _stage(self, title: str, tasks: Sequence[Task], planning: Sequence[InputError]) -> None:
+        manifest = Manifest(self._project.directory)
+        progress = console(stderr=True)
+        result = run_stage(title, tasks, planning, manifest, self._workers, progress, force=self._force)
         self._report.stages[title] = result
         if tasks and len(result.failed) == len(tasks):
-            self._report.failed = self._report.command != "run"
+            self._report.failed = self._report.command not in ("run", "demo")
 
     def _entries(self, section: str) -> dict[str, Any]:
         entries: dict[str, Any] = self._project.manifest.get(section, {})

@@ -26,6 +26,7 @@ def predict_recordings(report: Report, project: Project, driver: str, recording:
     Raises:
         InputError: The driver has no model, or there is no such recording.
     """
+    from .modeling.drivers import one_thread
     from .modeling.predict import load_steering_model, predict_steering
 
     known = {found.key: found for found in project.recordings()}
@@ -36,7 +37,8 @@ def predict_recordings(report: Report, project: Project, driver: str, recording:
     rows: list[Sequence[Any]] = []
     for found in wanted:
         try:
-            table = predict_steering(project, model, found.driver, found.name)
+            with one_thread():
+                table = predict_steering(project, model, found.driver, found.name)
         except InputError as error:
             report.problems.append(error)
             continue

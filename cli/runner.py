@@ -77,19 +77,28 @@ class Workers:
 
 
 def run_stage(
-    title: str, tasks: Sequence[Task], manifest: Manifest, workers: Workers, console: Console, *, force: bool
+    title: str,
+    tasks: Sequence[Task],
+    planning: Sequence[InputError],
+    manifest: Manifest,
+    workers: Workers,
+    console: Console,
+    *,
+    force: bool,
 ) -> StageResult:
     """Run what is not current, record each outcome in the manifest as it comes, and show the progress.
 
     Args:
         title: What the progress bar says.
         tasks: The stage's tasks.
-        manifest: Where outcomes are recorded.
+        planning: Problems that were met while they were planned.
+        manifest: Where outcomes are recorded; problems that belong to no outcome are in its section `stages`.
         workers: Where the tasks run.
         console: Where the progress goes; nothing is shown where it is not a terminal.
         force: Run current tasks too.
     """
-    result = StageResult()
+    result = StageResult(problems=[*planning])
+    homeless = [*planning]
     waiting: list[Task] = []
     for task in tasks:
         if not force and manifest.is_current(task.section, task.name, task.fingerprint):
@@ -103,15 +112,20 @@ def run_stage(
             if isinstance(outcome, InputError):
                 result.failed.append(task.name)
                 result.problems.append(outcome)
+                homeless.append(outcome)
                 manifest.remove(task.section, task.name)
             else:
                 result.done.append(task.name)
                 result.problems += outcome.problems
-                problems = [{"path": p.path, "where": p.where, "reason": p.reason} for p in outcome.problems]
-                entry = {**outcome.entry, "fingerprint": task.fingerprint, "problems": problems}
+                entry = {**outcome.entry, "fingerprint": task.fingerprint, "problems": _records(outcome.problems)}
                 manifest.record(task.section, task.name, entry)
             advance()
+    manifest.record("stages", title, {"outputs": [], "problems": _records(homeless)})
     return result
+
+
+def _records(problems: Sequence[InputError]) -> list[dict[str, str]]:
+    return [{"path": problem.path, "where": problem.where, "reason": problem.reason} for problem in problems]
 
 
 def _attempt(task: Task) -> Outcome | InputError:

@@ -13,6 +13,7 @@ import pyarrow as pa
 import typer
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
+
 from wheelprint.cli import app
 from wheelprint.schemas import config, tables
 from wheelprint.schemas.signals import SIGNALS

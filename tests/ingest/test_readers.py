@@ -44,10 +44,12 @@ def test_unreadable_files_say_why(tmp_path: Path) -> None:
     )
     assert message(tmp_path) == f"{tmp_path}: cannot be read: Is a directory"
     assert message(write(tmp_path, b"")) == (
-        f"{tmp_path}/log: holds nothing: empty, or gzip damaged from its start; the logger may have been stopped too early"
+        f"{tmp_path}/log: holds nothing: empty, or gzip damaged from its start; the logger may have been stopped "
+        "too early"
     )
     assert message(write(tmp_path, b"\x1f\x8b" + b"\xff" * 30)) == (
-        f"{tmp_path}/log: holds nothing: empty, or gzip damaged from its start; the logger may have been stopped too early"
+        f"{tmp_path}/log: holds nothing: empty, or gzip damaged from its start; the logger may have been stopped "
+        "too early"
     )
     assert message(write(tmp_path, b"something else")) == (
         f"{tmp_path}/log: is of no format that is known here (candump, ncom); it begins with b'something else'. "

@@ -95,20 +95,36 @@ def test_summary_is_the_mean_over_the_folds(results: Project) -> None:
 
 
 def test_persistence_by_a_plain_loop(results: Project) -> None:
-    errors = []
     data = results.dataset("王 小明").to_pandas()
-    fold = data.fold.tolist()
+    time = data.time.astype("int64").tolist()
     angle = data.steering_wheel_angle.tolist()
     complete = (data.course_deviation.notna() & data.speed.notna()).tolist()
-    key = [f"{recording} {run}" for recording, run in zip(data.recording, data.run, strict=True)]
-    for t in range(1, len(data) - 5):
-        window = range(t - 1, t + 6)
-        if all(fold[row] == 1 and key[row] == key[t] and complete[row] for row in window):
-            errors += [abs(angle[t + step] - angle[t]) for step in range(1, 6)]
+    run = [f"{recording} {run}" for recording, run in zip(data.recording, data.run, strict=True)]
+    in_test = (data.fold == 1).tolist()
+    of_test = {name: np.array(own.time.astype("int64")) for name, own in data[data.fold == 1].groupby("recording")}
+    in_training = [
+        recording not in of_test or np.abs(of_test[recording] - stamp).min() > 10 * TICK
+        for recording, stamp in zip(data.recording, time, strict=True)
+    ]
+
+    def changes(allowed: list[bool]) -> np.ndarray:
+        def whole(t: int) -> bool:
+            return all(allowed[row] and run[row] == run[t] and complete[row] for row in range(t - 1, t + 6))
+
+        centres = [t for t in range(1, len(data) - 5) if whole(t)]
+        return np.array([[angle[t + step] - angle[t] for step in range(1, 6)] for t in centres])
+
+    asked, learnt = changes(in_test), changes(in_training)
+    sd = np.sqrt((learnt**2).mean(axis=0))
     primitives = table(results, "motion_primitives")
     rows = primitives[(primitives.driver == "王 小明") & (primitives.model == "persistence") & (primitives.fold == 1)]
-    assert rows.mean_error.tolist() == pytest.approx([np.mean(errors)] * 2, rel=1e-12)
-    assert rows.samples.tolist() == [len(errors) / 5] * 2
+    assert len(rows) == 2
+    for row in rows.itertuples():
+        assert row.samples == len(asked)
+        assert row.mean_error == pytest.approx(np.abs(asked).mean(), rel=1e-12)
+        assert row.mean_variance == pytest.approx((sd**2).mean(), rel=1e-12)
+        assert row.coverage_68 == pytest.approx((np.abs(asked) <= 0.99446 * sd).mean(), rel=1e-12)
+        assert row.coverage_95 == pytest.approx((np.abs(asked) <= 1.95996 * sd).mean(), rel=1e-12)
 
 
 def test_models_learn_the_made_up_drivers(results: Project) -> None:

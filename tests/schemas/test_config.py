@@ -29,7 +29,8 @@ def test_defaults_need_only_the_wheelbase(tmp_path: Path) -> None:
 def test_a_signal_is_a_name_or_a_table(tmp_path: Path) -> None:
     path = tmp_path / "wheelprint.toml"
     path.write_text(
-        '[vehicle]\nwheelbase = 2.8\n[can.signals]\nspeed = "A.b"\nyaw_rate = { signal = "C.d", sign = -1, scale = 2 }\n',
+        '[vehicle]\nwheelbase = 2.8\n[can.signals]\nspeed = "A.b"\n'
+        'yaw_rate = { signal = "C.d", sign = -1, scale = 2 }\n',
         encoding="utf-8",
     )
     signals = read_config(path).can.signals

@@ -385,7 +385,9 @@ def test_gzip_is_read_whole(tmp_path: Path) -> None:
     one, account = read(tmp_path, gzip.compress(log, mtime=0), "can.log.gz")
     assert one == plain
     assert account == Account(accepted=2000)
-    several, account = read(tmp_path, gzip.compress(log[:12345], mtime=0) + gzip.compress(log[12345:], mtime=0) + bytes(512))
+    several, account = read(
+        tmp_path, gzip.compress(log[:12345], mtime=0) + gzip.compress(log[12345:], mtime=0) + bytes(512)
+    )
     assert several == plain
     assert account == Account(accepted=2000)
 
@@ -442,7 +444,9 @@ def test_gzip_with_a_wrong_checksum_says_so(tmp_path: Path) -> None:
     ]
 
 
-@pytest.mark.parametrize("head", [GOOD, b"\n \r\n" + GOOD, gzip.compress(GOOD, mtime=0), gzip.compress(log_of(3000), mtime=0)[:5000]])
+@pytest.mark.parametrize(
+    "head", [GOOD, b"\n \r\n" + GOOD, gzip.compress(GOOD, mtime=0), gzip.compress(log_of(3000), mtime=0)[:5000]]
+)
 def test_recognises_its_files(head: bytes) -> None:
     assert Candump.sniff(head)
 

@@ -307,7 +307,7 @@ class TestFile:
         assert str(caught.value) == f"{log.parent}: cannot be read: Is a directory"
 
     def test_the_reader_pickles(self, log: Path) -> None:
-        reader = pickle.loads(pickle.dumps(Ncom(log)))  # noqa: S301 - our own bytes
+        reader = pickle.loads(pickle.dumps(Ncom(log)))
         assert reader == Ncom(log)
         assert (reader.format, reader.kind) == ("ncom", "nav")
 
