@@ -24,7 +24,7 @@ lint: $(VENV)/installed
 
 types: $(VENV)/installed
 	$(BIN)/mypy -p wheelprint
-	$(BIN)/mypy tests
+	$(BIN)/mypy --explicit-package-bases tests docs/reference.py
 
 clean:
 	rm -rf $(VENV) build *.egg-info demo

@@ -45,7 +45,7 @@ class Report:
     command: str
     as_json: bool
     stages: dict[str, StageResult] = field(default_factory=dict)
-    tables: list[tuple[str, Sequence[str], list[Sequence[Any]]]] = field(default_factory=list)
+    tables: list[tuple[str, Sequence[str], Sequence[Sequence[Any]]]] = field(default_factory=list)
     facts: dict[str, Any] = field(default_factory=dict)
     problems: list[InputError] = field(default_factory=list)
     failed: bool = False

@@ -53,9 +53,9 @@ def test_an_unknown_unit_without_a_scale_says_so_and_the_others_are_mapped(datab
     assert list(factors) == ["speed"]
     assert problems == [
         (
-            "wheelprint.toml: can.signals.steering_wheel_angle: the database gives WHEEL.Turns the unit 'turns', which is "
-            "not known as a unit of deg (deg, degree, degrees, °, grad, rad, radian, radians are); say what to multiply it "
-            'by: steering_wheel_angle = { signal = "WHEEL.Turns", scale = … }'
+            "wheelprint.toml: can.signals.steering_wheel_angle: the database gives WHEEL.Turns the unit 'turns', which "
+            "is not known as a unit of deg (deg, degree, degrees, °, grad, rad, radian, radians are); say what to "
+            'multiply it by: steering_wheel_angle = { signal = "WHEEL.Turns", scale = … }'
         )
     ]
 
@@ -65,8 +65,8 @@ def test_every_signal_that_is_not_there_is_named(database: Database) -> None:
     assert problems == [
         "wheelprint.toml: can.signals.speed: message MOTION (0x200) has no signal Sped; did you mean Speed?",
         (
-            "wheelprint.toml: can.signals.steering_wheel_angle: the database has no message WHEELS; did you mean WHEEL? "
-            "A signal Angle is in WHEEL"
+            "wheelprint.toml: can.signals.steering_wheel_angle: the database has no message WHEELS; did you mean "
+            "WHEEL? A signal Angle is in WHEEL"
         ),
     ]
 
