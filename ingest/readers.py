@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, cast
 
 from ..schemas.errors import InputError
 from .account import Account
 from .can.candump import Candump
+from .content import head
 from .oxts.ncom import Ncom
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
     from .can.frames import FrameBatch
-
-HEAD = 65_536
 
 
 class Reader(Protocol):
@@ -71,11 +68,11 @@ def recognise(path: Path) -> Reader:
     Raises:
         InputError: The file is missing, unreadable or empty, or no reader claims it, or more than one does.
     """
-    head = _head(path)
-    if not head:
+    start = head(path)
+    if not start:
         reason = "holds nothing: empty, or gzip damaged from its start; the logger may have been stopped too early"
         raise InputError(path, "", reason)
-    claims = [reader for reader in READERS if reader.sniff(head)]
+    claims = [reader for reader in READERS if reader.sniff(start)]
     if len(claims) == 1:
         return claims[0](path)
     known = ", ".join(reader.format for reader in READERS)
@@ -85,7 +82,7 @@ def recognise(path: Path) -> Reader:
     raise InputError(
         path,
         "",
-        f"is of no format that is known here ({known}); it begins with {head[:24]!r}. Export it as one of these",
+        f"is of no format that is known here ({known}); it begins with {start[:24]!r}. Export it as one of these",
     )
 
 
@@ -154,23 +151,3 @@ def _of_kind(path: Path, kind: Literal["can", "nav"]) -> Reader:
         wanted, other = ("a CAN log", "read_nav") if kind == "can" else ("a navigation log", "read_frames")
         raise InputError(path, "", f"is {reader.format}, not {wanted}; `wheelprint.{other}` reads it")
     return reader
-
-
-def _head(path: Path) -> bytes:
-    try:
-        with path.open("rb") as raw:
-            head = raw.read(HEAD)
-    except FileNotFoundError:
-        raise InputError(path, "", "no such file; check the path, or whether the disk is mounted") from None
-    except OSError as error:
-        raise InputError(path, "", f"cannot be read: {error.strerror or error}") from None
-    return _inflate(head) if head.startswith(b"\x1f\x8b") else head
-
-
-def _inflate(head: bytes) -> bytes:
-    """Return what of a gzip file's beginning can be decompressed, damage or not."""
-    inflater, content = zlib.decompressobj(wbits=31), b""
-    with suppress(zlib.error):
-        for start in range(0, len(head), 1024):
-            content += inflater.decompress(head[start : start + 1024])
-    return content[:HEAD]

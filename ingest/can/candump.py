@@ -1,28 +1,24 @@
-"""Reader of `candump -l` and `candump -L` logs, plain or compressed with gzip."""
+"""Reader of `candump -l` and `candump -L` logs, plain or compressed."""
 
 from __future__ import annotations
 
 import re
-import zlib
-from collections.abc import Generator, Iterator
-from contextlib import suppress
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from ...schemas.errors import InputError
 from ..account import Account
+from ..content import blocks
 from .frames import FrameBatch
 
 BATCH = 1 << 18
 """Frames of a batch, at most."""
+BLOCK = 1 << 20
+"""Bytes of text looked at at once."""
 
-_BLOCK = 1 << 20
-_CHUNK = 1 << 16
-_GZIP_MAGIC = b"\x1f\x8b"
-_GZIP = 31  # zlib's wbits for a stream with gzip's header and checksum
 _LINE = re.compile(rb"\s*\(\d+\.\d{1,9}\)[ \t]+\S+[ \t]+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#")
 
 REASONS = (
@@ -56,7 +52,7 @@ class Candump:
     lengths, for which `FrameBatch` has no place. Blank lines are no records, lines may end in CR LF.
 
     Attributes:
-        path: The log; gzip is recognised by its content.
+        path: The log, plain or compressed.
     """
 
     format: ClassVar[str] = "candump"
@@ -66,11 +62,7 @@ class Candump:
 
     @staticmethod
     def sniff(head: bytes) -> bool:
-        """Tell whether the first line of `head` (64 KiB of a file, maybe gzip) that is not blank is one of candump."""
-        if head.startswith(_GZIP_MAGIC):
-            inflater, compressed, head = zlib.decompressobj(_GZIP), head, b""
-            with suppress(zlib.error):
-                head = inflater.decompress(compressed, _CHUNK)
+        """Tell whether the first line of `head` that is not blank is one of candump."""
         return _LINE.match(head) is not None
 
     def batches(self, account: Account) -> Iterator[FrameBatch]:
@@ -89,7 +81,7 @@ class Candump:
         names, known = np.zeros((MOST_CHANNELS, 1 + LONGEST_NAME), np.uint8), 0
         rejected = np.empty((1024, 5), np.int64)
         arrays, count, line, carry = _empty_batch(), 0, 1, b""
-        for block in self._blocks(account):
+        for block in self._pieces(account):
             ended = not block
             content = carry + (block or b"\n")
             if block is None and carry.strip():
@@ -123,17 +115,9 @@ class Candump:
             # Of an overlong line (nothing of candump's is) enough is kept to reject it when its end comes.
             carry = content[position:][:LONGEST_LINE]
 
-    def _blocks(self, account: Account) -> Iterator[bytes | None]:
-        """Yield the log's text in pieces, then nothing: `b""` at the end of the log, None where it breaks off."""
-        whole = True
-        try:
-            with self.path.open("rb") as file:
-                if file.peek(2)[:2] == _GZIP_MAGIC:
-                    whole = yield from _inflate(file, account)
-                else:
-                    yield from iter(lambda: file.read(_BLOCK), b"")
-        except OSError as error:
-            raise InputError(self.path, "", f"cannot be read: {error.strerror}") from None
+    def _pieces(self, account: Account) -> Iterator[bytes | None]:
+        """Yield the log's text, then nothing: `b""` at the end of the log, None where it breaks off."""
+        whole = yield from blocks(self.path, account, BLOCK)
         yield b"" if whole else None
 
 
@@ -145,36 +129,3 @@ def _empty_batch() -> tuple[np.ndarray, ...]:
 def _quote(line: bytes) -> str:
     text = line[:80].decode("ascii", "backslashreplace")
     return f"{text!r}" if len(line) <= 80 else f"{text!r} and more"
-
-
-def _inflate(file: BinaryIO, account: Account) -> Generator[bytes, None, bool]:
-    """Yield the content of one or several gzip streams; count damage in `account`, and return whether there is none."""
-    inflater, within, chunk = zlib.decompressobj(_GZIP), False, b""
-    while chunk := chunk or file.read(_CHUNK):
-        undamaged = inflater.copy()
-        try:
-            text = inflater.decompress(chunk, _BLOCK)
-        except zlib.error as error:
-            # zlib keeps to itself what it made of the chunk before the damage: give it the chunk again, bytewise.
-            pieces: list[bytes] = []
-            with suppress(zlib.error):
-                pieces.extend(undamaged.decompress(chunk[k : k + 1]) for k in range(len(chunk)))
-            yield from filter(None, [b"".join(pieces)])
-            reason = (
-                f"the gzip stream is damaged here ({error}); what stands before it was read, but gzip's checksum could "
-                "not confirm it. Copy the file again from where it was recorded"
-            )
-            account.reject(f"byte {file.tell() - len(chunk) + len(pieces)} of the compressed file", reason)
-            return False
-        yield from filter(None, [text])
-        chunk, within = inflater.unconsumed_tail, True
-        if inflater.eof:
-            chunk, inflater, within = inflater.unused_data.lstrip(b"\0"), zlib.decompressobj(_GZIP), False
-    if within:
-        account.truncated = True
-        reason = (
-            "the gzip stream ends without its end; the recording was cut off or the copy is incomplete. "
-            "What stands before it was read"
-        )
-        account.reject(f"byte {file.tell()} of the compressed file", reason)
-    return not within

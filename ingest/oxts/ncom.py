@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class Ncom:
-    """An NCOM file, plain or gzip-compressed.
+    """An NCOM file, plain or compressed.
 
     Attributes:
         path: The file.
@@ -64,7 +64,7 @@ class Ncom:
                 byte; a packet that the file ends within makes it truncated, and is counted as nothing else.
 
         Raises:
-            InputError: The file is missing, unreadable, empty, damaged as gzip, or holds no packet.
+            InputError: The file is missing, unreadable, empty, or holds no packet.
         """
         for _, packets in scan_packets(self.path, account):
             account.accepted += len(packets)

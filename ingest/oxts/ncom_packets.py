@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,13 +11,12 @@ import numpy.typing as npt
 
 from ...schemas.errors import InputError
 from ..account import Account
+from ..content import blocks, head
 from . import ncom_layout as layout
 from .ncom_time import Notices, Stamps, stamp_packets
 
 BATCH = 65_536
 """Packets decoded at once; about 11 MB."""
-CHUNK = 65_536
-"""Compressed bytes read at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,12 +90,12 @@ def scan_packets(path: Path, account: Account) -> Scan:
     """Find and stamp the packets of a file.
 
     Args:
-        path: NCOM, plain or gzip-compressed.
+        path: NCOM, plain or compressed.
         account: Every stretch of bytes between packets is counted as one rejection, with its first byte. A packet
             that the file ends within makes it truncated and is counted as nothing else.
 
     Raises:
-        InputError: The file is missing, unreadable, empty, damaged as gzip, or holds no packet.
+        InputError: The file is missing, unreadable, empty, or holds no packet.
     """
     from .ncom_sync import find_packets
 
@@ -116,42 +114,16 @@ def scan_packets(path: Path, account: Account) -> Scan:
 
 
 def _content(path: Path, account: Account) -> npt.NDArray[np.uint8]:
+    start = head(path)
+    if not start:
+        raise InputError(path, "", "the file is empty; the unit may have been switched off before it wrote anything")
     try:
-        with path.open("rb") as raw:
-            head = raw.read(2)
-        if not head:
-            raise InputError(
-                path, "", "the file is empty; the unit may have been switched off before it wrote anything"
-            )
-        if head != b"\x1f\x8b":
-            return np.asarray(np.memmap(path, np.uint8, "r"))
-        return np.frombuffer(_decompressed(path, account), np.uint8)
-    except FileNotFoundError:
-        raise InputError(path, "", "no such file; check the path, or whether the disk is mounted") from None
+        mapped = np.memmap(path, np.uint8, "r")
     except OSError as error:
         raise InputError(path, "", f"cannot be read: {error.strerror or error}") from None
-
-
-def _decompressed(path: Path, account: Account) -> bytes:
-    """Return the content of a gzip file; of one that was cut off, what is left of it."""
-    content = bytearray()
-    member = zlib.decompressobj(wbits=31)
-    with path.open("rb") as raw:
-        while chunk := raw.read(CHUNK):
-            while chunk:
-                if member.eof:
-                    chunk = chunk.lstrip(b"\0")
-                    if not chunk:
-                        break
-                    member = zlib.decompressobj(wbits=31)
-                try:
-                    content += member.decompress(chunk)
-                except zlib.error as error:
-                    reason = f"damaged as gzip after {len(content)} bytes of content ({error}); copy the file again"
-                    raise InputError(path, "", reason) from None
-                chunk = member.unused_data
-    account.truncated |= not member.eof
-    return bytes(content)
+    if mapped[: len(start)].tobytes() == start:
+        return np.asarray(mapped)
+    return np.frombuffer(b"".join(blocks(path, account)), np.uint8)
 
 
 def _account_for_the_rest(data: npt.NDArray[np.uint8], offset: npt.NDArray[np.int64], account: Account) -> None:

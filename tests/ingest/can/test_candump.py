@@ -291,7 +291,7 @@ def test_blocks_and_batches_cut_nothing(
         b"(1.5) can0 006##1" + b"66" * 9,
         b"(1.5) can0 007#1122334455667788",
     ]
-    monkeypatch.setattr(candump, "_BLOCK", block)
+    monkeypatch.setattr(candump, "BLOCK", block)
     monkeypatch.setattr(candump, "BATCH", capacity)
     path = tmp_path / "can.log"
     path.write_bytes(b"\n".join(lines))
@@ -345,7 +345,7 @@ def test_says_that_the_file_ends_within_a_line(tmp_path: Path) -> None:
 
 
 def test_a_tail_of_zeros_takes_no_memory_and_is_one_rejection(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(candump, "_BLOCK", 1000)
+    monkeypatch.setattr(candump, "BLOCK", 1000)
     frames, account = read(tmp_path, GOOD + bytes(50_000) + b"\n" + GOOD + bytes(50_000))
     assert len(frames) == 2
     found = repr("\0" * 80)
@@ -444,9 +444,7 @@ def test_gzip_with_a_wrong_checksum_says_so(tmp_path: Path) -> None:
     ]
 
 
-@pytest.mark.parametrize(
-    "head", [GOOD, b"\n \r\n" + GOOD, gzip.compress(GOOD, mtime=0), gzip.compress(log_of(3000), mtime=0)[:5000]]
-)
+@pytest.mark.parametrize("head", [GOOD, b"\n \r\n" + GOOD])
 def test_recognises_its_files(head: bytes) -> None:
     assert Candump.sniff(head)
 
@@ -461,7 +459,6 @@ def test_recognises_its_files(head: bytes) -> None:
         b"  can0  044   [5]  2A 36 6C 2B BA\n",
         b" (1436509052.249713)  can0  044   [5]  2A 36 6C 2B BA\n",
         b"\x1f\x8bnothing",
-        gzip.compress(b"hello", mtime=0),
     ],
 )
 def test_refuses_others(head: bytes) -> None:
@@ -476,4 +473,4 @@ def test_empty_log(tmp_path: Path) -> None:
 def test_missing_file(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         list(Candump(tmp_path / "no.log").batches(Account()))
-    assert str(caught.value) == f"{tmp_path / 'no.log'}: cannot be read: No such file or directory"
+    assert str(caught.value) == f"{tmp_path / 'no.log'}: no such file; check the path, or whether the disk is mounted"

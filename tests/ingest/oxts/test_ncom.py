@@ -263,24 +263,25 @@ class TestFile:
         path.write_bytes(packed[: len(packed) // 2])
         table, account = read_samples(path)
         assert 300 < len(table) < 700
-        assert account == Account(accepted=len(table), truncated=True)
+        assert (account.accepted, account.rejected, account.truncated) == (len(table), 1, True)
+        where, reason = account.rejections[0]
+        assert where == f"byte {len(packed) // 2} of the compressed file"
+        assert reason.startswith("the gzip stream ends without its end; ")
 
     def test_a_gzip_without_its_end_is_cut(self, tmp_path: Path) -> None:
         path = tmp_path / "nav.ncom.gz"
         path.write_bytes(gzip.compress(clock(10) + clock(20))[:-8])
-        assert read_packets(path)[1] == Account(accepted=2, truncated=True)
+        account = read_packets(path)[1]
+        assert (account.accepted, account.rejected, account.truncated) == (2, 1, True)
 
-    def test_a_damaged_gzip_is_an_error(self, tmp_path: Path) -> None:
+    def test_of_a_damaged_gzip_what_stands_before_is_read(self, tmp_path: Path) -> None:
         packed = bytearray(gzip.compress(clock(10) * 10))
         packed[-6] ^= 0xFF
         path = tmp_path / "nav.ncom.gz"
         path.write_bytes(packed)
-        with pytest.raises(InputError) as caught:
-            read_packets(path)
-        assert str(caught.value) == (
-            f"{path}: damaged as gzip after 0 bytes of content (Error -3 while decompressing data: incorrect data "
-            "check); copy the file again"
-        )
+        account = read_packets(path)[1]
+        assert (account.accepted, account.rejected, account.truncated) == (10, 1, False)
+        assert "the gzip stream is damaged here" in account.rejections[0][1]
 
     def test_what_holds_no_packet_is_an_error(self, log: Path) -> None:
         log.write_bytes(b"(1.0) can0 123#00\n" * 10)
