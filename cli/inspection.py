@@ -27,7 +27,7 @@ def inspect_files(report: Report, files: Sequence[Path], databases: Sequence[str
     logs: list[Inspection] = []
     for path in files:
         try:
-            logs.append(inspect_log(path, database))
+            logs += inspect_log(path, database)
         except InputError as error:
             report.problems.append(error)
     report.failed = not logs

@@ -16,7 +16,6 @@ from ..schemas.config import Config
 from ..schemas.errors import InputError
 from ..schemas.project import Project, Recording
 from ..schemas.store import describe_output, fingerprint, publish_table, sha256
-from ..schemas.tables import NAVIGATION
 from ..schemas.tasks import Outcome, Task
 from ..schemas.times import iso_utc
 from .account import Account
@@ -142,6 +141,10 @@ def convert_recording(
     return Outcome(entry, tuple(problems))
 
 
+Span = tuple[int | None, int | None]
+"""First and last stamp, ns; None where there is none."""
+
+
 @dataclass(slots=True)
 class _RawLogs:
     """What became of a recording's files; the attributes but the tables go into the manifest."""
@@ -159,34 +162,27 @@ def _read_logs(project: Path, recording: Recording, database: Database, folder: 
     logs = _RawLogs()
     for name, path in recording_files(recording).items():
         try:
-            reader = recognise(path)
+            readers = recognise(path)
         except InputError as error:
             if path.suffix.lower() in BESIDE_LOGS and path.exists():
                 logs.ignored.append(name)
             else:
                 logs.problems.append(error)
             continue
-        account = Account()
-        try:
-            if reader.kind == "can":
-                decoded = decode_log(cast("FrameReader", reader), account, database, folder, name)
-                for message, file in decoded.files.items():
-                    logs.message_files.setdefault(message, []).append(file)
-                    logs.outputs.append(describe_output(project, file, rows=decoded.rows[message]))
-                facts, span = as_facts(decoded), (decoded.start, decoded.stop)
-            else:
-                table = _navigation_table(cast("NavigationReader", reader), account)
-                file = signal_file(folder, name, "navigation")
-                publish_table(file, table)
-                logs.outputs.append(describe_output(project, file, rows=len(table)))
-                logs.navigation.append(table)
-                time = table["time"].cast(pa.int64()).to_numpy()
-                facts, span = {"samples": len(time)}, (int(time[0]), int(time[-1])) if len(time) else (None, None)
-        except InputError as error:
-            logs.problems.append(error)
-            facts, span = {"failed": str(error)}, (None, None)
-        logs.inputs.append(_input_facts(recording, path, reader, account, span) | facts)
-        logs.problems += _account_problems(path, account)
+        for reader in readers:
+            account = Account()
+            try:
+                if reader.kind == "can":
+                    facts, span = _read_can(project, reader, account, database, folder, name, logs)
+                else:
+                    facts, span = _read_nav(project, reader, account, folder, name, logs)
+            except InputError as error:
+                logs.problems.append(error)
+                facts, span = {"failed": str(error)}, (None, None)
+            if len(readers) > 1 and not account.accepted and not account.rejected and "failed" not in facts:
+                continue  # The format may hold this kind of record; this file does not.
+            logs.inputs.append(_input_facts(recording, path, reader, account, span) | facts)
+            logs.problems += _account_problems(path, account)
     if all("failed" in entry for entry in logs.inputs):
         reasons = "; ".join(dict.fromkeys(str(problem) for problem in logs.problems))
         what = f"none of its files could be read: {reasons}" if reasons else "it holds no log"
@@ -194,9 +190,29 @@ def _read_logs(project: Path, recording: Recording, database: Database, folder: 
     return logs
 
 
-def _navigation_table(reader: NavigationReader, account: Account) -> pa.Table:
-    batches = list(reader.batches(account))
-    return pa.Table.from_batches(batches, batches[0].schema if batches else NAVIGATION)
+def _read_can(
+    project: Path, reader: Reader, account: Account, database: Database, folder: Path, name: str, logs: _RawLogs
+) -> tuple[dict[str, Any], Span]:
+    decoded = decode_log(cast("FrameReader", reader), account, database, folder, name)
+    for message, file in decoded.files.items():
+        logs.message_files.setdefault(message, []).append(file)
+        logs.outputs.append(describe_output(project, file, rows=decoded.rows[message]))
+    return as_facts(decoded), (decoded.start, decoded.stop)
+
+
+def _read_nav(
+    project: Path, reader: Reader, account: Account, folder: Path, name: str, logs: _RawLogs
+) -> tuple[dict[str, Any], Span]:
+    batches = list(cast("NavigationReader", reader).batches(account))
+    if not batches:
+        return {"samples": 0}, (None, None)
+    table = pa.Table.from_batches(batches)
+    file = signal_file(folder, name, "navigation")
+    publish_table(file, table)
+    logs.outputs.append(describe_output(project, file, rows=len(table)))
+    logs.navigation.append(table)
+    time = table["time"].cast(pa.int64()).to_numpy()
+    return {"samples": len(time)}, (int(time[0]), int(time[-1])) if len(time) else (None, None)
 
 
 def _origin(navigation: pa.Table | None) -> dict[str, float] | None:
@@ -205,9 +221,7 @@ def _origin(navigation: pa.Table | None) -> dict[str, float] | None:
     return found
 
 
-def _input_facts(
-    recording: Recording, path: Path, reader: Reader, account: Account, span: tuple[int | None, int | None]
-) -> dict[str, Any]:
+def _input_facts(recording: Recording, path: Path, reader: Reader, account: Account, span: Span) -> dict[str, Any]:
     return {
         "path": path.relative_to(recording.folder).as_posix(),
         "sha256": sha256(path),

@@ -68,8 +68,8 @@ class Inspection:
     samples: int = 0
 
 
-def inspect_log(path: Path, database: Database) -> Inspection:
-    """Read a log whole and tell what it holds.
+def inspect_log(path: Path, database: Database) -> list[Inspection]:
+    """Read a log whole and tell what it holds, for each kind of record in it.
 
     Args:
         path: The log.
@@ -78,18 +78,22 @@ def inspect_log(path: Path, database: Database) -> Inspection:
     Raises:
         InputError: The file is missing, of no known format, or damaged beyond what its reader can go on from.
     """
-    reader = recognise(path)
-    found = Inspection(path, reader.format, reader.kind, Account())
     names = {(message.id, message.extended): message.name for message in database.messages}
-    if reader.kind == "can":
-        for batch in cast("FrameReader", reader).batches(found.account):
-            _count_frames(found, batch, names)
-    else:
-        for samples in cast("NavigationReader", reader).batches(found.account):
-            _extend(found, samples["time"].cast(pa.int64()).to_numpy())
-            found.samples += len(samples)
-            found.statuses.update(samples["nav_status"].drop_null().to_pylist())
-    return found
+    readers = recognise(path)
+    inspections = []
+    for reader in readers:
+        found = Inspection(path, reader.format, reader.kind, Account())
+        if reader.kind == "can":
+            for batch in cast("FrameReader", reader).batches(found.account):
+                _count_frames(found, batch, names)
+        else:
+            for samples in cast("NavigationReader", reader).batches(found.account):
+                _extend(found, samples["time"].cast(pa.int64()).to_numpy())
+                found.samples += len(samples)
+                found.statuses.update(samples["nav_status"].drop_null().to_pylist())
+        if len(readers) == 1 or found.account.accepted or found.account.rejected:
+            inspections.append(found)
+    return inspections
 
 
 def _extend(found: Inspection, time: np.ndarray[tuple[int], np.dtype[np.int64]]) -> None:

@@ -62,23 +62,23 @@ READERS: tuple[type[FrameReader | NavigationReader], ...] = (Candump, Ncom)
 """Every reader; a new one is a line here (and passes the compliance tests)."""
 
 
-def recognise(path: Path) -> Reader:
-    """Return the reader that the content of a file belongs to.
+def recognise(path: Path) -> tuple[Reader, ...]:
+    """Return the readers of the format that the content of a file is of: one for each kind of record it may hold.
 
     Raises:
-        InputError: The file is missing, unreadable or empty, or no reader claims it, or more than one does.
+        InputError: The file is missing, unreadable or empty, or no format claims it, or more than one does.
     """
     start = head(path)
     if not start:
         reason = "holds nothing: empty, or gzip damaged from its start; the logger may have been stopped too early"
         raise InputError(path, "", reason)
     claims = [reader for reader in READERS if reader.sniff(start)]
-    if len(claims) == 1:
-        return claims[0](path)
-    known = ", ".join(reader.format for reader in READERS)
+    formats = sorted({reader.format for reader in claims})
+    if len(formats) == 1:
+        return tuple(reader(path) for reader in claims)
     if claims:
-        both = " and ".join(reader.format for reader in claims)
-        raise InputError(path, "", f"looks like {both} at once; keep one kind of record in a file")
+        raise InputError(path, "", f"looks like {' and '.join(formats)} at once; keep one kind of record in a file")
+    known = ", ".join(sorted({reader.format for reader in READERS}))
     raise InputError(
         path,
         "",
@@ -146,8 +146,9 @@ def _account(reader: Reader, account: Account) -> dict[str, str]:
 
 
 def _of_kind(path: Path, kind: Literal["can", "nav"]) -> Reader:
-    reader = recognise(path)
-    if reader.kind != kind:
-        wanted, other = ("a CAN log", "read_nav") if kind == "can" else ("a navigation log", "read_frames")
-        raise InputError(path, "", f"is {reader.format}, not {wanted}; `wheelprint.{other}` reads it")
-    return reader
+    readers = recognise(path)
+    for reader in readers:
+        if reader.kind == kind:
+            return reader
+    wanted, other = ("a CAN log", "read_nav") if kind == "can" else ("a navigation log", "read_frames")
+    raise InputError(path, "", f"is {readers[0].format}, not {wanted}; `wheelprint.{other}` reads it")

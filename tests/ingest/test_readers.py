@@ -27,15 +27,15 @@ def message(path: Path) -> str:
 def test_content_decides_and_not_the_name(tmp_path: Path) -> None:
     path = tmp_path / "navigation.ncom"
     path.write_bytes(CANDUMP)
-    assert recognise(path).format == "candump"
+    assert [reader.format for reader in recognise(path)] == ["candump"]
     path.write_bytes(gzip.compress(CANDUMP))
-    assert recognise(path).format == "candump"
+    assert [reader.format for reader in recognise(path)] == ["candump"]
 
 
 def test_a_damaged_gzip_is_recognised_by_what_is_whole(tmp_path: Path) -> None:
     packed = gzip.compress(CANDUMP * 20_000, compresslevel=1)
     path = write(tmp_path, packed[:2048] + b"\xff" * 100)
-    assert recognise(path).format == "candump"
+    assert [reader.format for reader in recognise(path)] == ["candump"]
 
 
 def test_unreadable_files_say_why(tmp_path: Path) -> None:
