@@ -15,9 +15,11 @@ from .. import __version__
 from ..schemas.config import Config
 from ..schemas.errors import InputError
 from ..schemas.project import Project, Recording
+from ..schemas.signals import SIGNALS
 from ..schemas.store import describe_output, fingerprint, publish_table, sha256
 from ..schemas.tasks import Outcome, Task
 from ..schemas.times import iso_utc
+from ..schemas.units import factor as unit_factor
 from .account import Account
 from .can.database import Database, load_databases
 from .clock import ClockEstimate, estimate_clock
@@ -25,6 +27,7 @@ from .mapping import MappedSignal, resolve
 from .navigation import merge_navigation
 from .readers import FrameReader, NavigationReader, Reader, recognise
 from .signal_files import as_facts, decode_log, signal_file
+from .signs import reversed_signals
 from .synchronise import SampledSignal, read_mapped, read_navigation, synchronise
 
 DAY = 86_400_000_000_000
@@ -123,6 +126,7 @@ def convert_recording(
     if not sampled and not nav_signals:
         return Outcome(entry, tuple(problems))
     synced = synchronise(sampled, nav_signals, clock, config.sync.period, round(config.sync.max_gap * 1e9))
+    problems += _wrong_signs(recording, synced, mapping, sampled, config.sync.rate)
     metadata = {
         "driver": recording.driver,
         "recording": recording.name,
@@ -291,6 +295,30 @@ def _absent_sources(
     if not sampled and mapping:
         reason = "no CAN log with a mapped signal; without it there is no steering, and no dataset, from this recording"
         problems.append(InputError(recording.folder, "", reason))
+    return problems
+
+
+def _wrong_signs(
+    recording: Recording,
+    synced: pa.Table,
+    mapping: Mapping[str, MappedSignal],
+    sampled: Mapping[str, SampledSignal],
+    rate: float,
+) -> list[InputError]:
+    names = [name for name in synced.column_names if name in sampled or name in ("nav_speed", "nav_yaw_rate")]
+    signals = {name: synced[name].cast(pa.float64()).to_numpy() for name in names}
+    problems = []
+    for name, (what, correlation) in reversed_signals(signals, rate).items():
+        mapped = mapping[name]
+        sign = "1" if mapped.factor < 0 else "-1"
+        scale = abs(mapped.factor)
+        of_unit = unit_factor(mapped.unit, SIGNALS[name].unit)
+        scaled = "" if of_unit == scale else f", scale = {scale!r}"
+        reason = (
+            f"{name} goes against {what} (correlation {correlation:.2f}): its sign is wrong. Write "
+            f'{name} = {{ signal = "{mapped.message}.{mapped.signal}", sign = {sign}{scaled} }}'
+        )
+        problems.append(InputError(recording.folder, f"can.signals.{name}", reason))
     return problems
 
 

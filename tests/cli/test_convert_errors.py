@@ -83,6 +83,18 @@ def test_a_signal_that_the_database_does_not_have(project: Path, wheelprint: Com
     assert table["speed"].null_count < 0.1 * len(table)
 
 
+def test_a_signal_that_is_positive_to_the_right(project: Path, wheelprint: Command) -> None:
+    edit(project, 'yaw_rate = "INERTIA.YAW_RATE"', 'yaw_rate = { signal = "INERTIA.YAW_RATE", sign = -1 }')
+    answer = wheelprint("convert", "--project", project, "--workers", "1")
+    assert answer.status == 3
+    assert len(answer.problems) == 2
+    for problem, key in zip(answer.problems, (ONE, TWO), strict=True):
+        assert problem.startswith(
+            f"{project}/raw/{key}: can.signals.yaw_rate: yaw_rate goes against navigation's yaw rate (correlation -"
+        )
+        assert problem.endswith('): its sign is wrong. Write yaw_rate = { signal = "INERTIA.YAW_RATE", sign = 1 }')
+
+
 def test_a_unit_that_is_not_known(project: Path, wheelprint: Command) -> None:
     shipped = Path(__file__).resolve().parents[2] / "schemas" / "databases" / "byd_tang.dbc"
     text = shipped.read_text(encoding="utf-8")
