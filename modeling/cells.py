@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import NormalDist
@@ -25,7 +26,7 @@ WITHIN_68, WITHIN_95 = (NormalDist().inv_cdf((1.0 + share) / 2.0) for share in (
 """Half widths of the Gaussian bands that hold 68 % and 95 %, in standard deviations."""
 
 FEWEST_SAMPLES = 100
-"""Lookahead distances without which no model of them is fitted: 10 s."""
+"""Windows, or lookahead distances, without which nothing is fitted: 10 s."""
 
 
 def evaluate_motion_primitives(project: Path, driver: str, fold: int, past_steps: int, config: Config) -> Outcome:
@@ -53,7 +54,7 @@ def evaluate_motion_primitives(project: Path, driver: str, fold: int, past_steps
         cut_windows(series, window_centres(series.stretch, rows & complete, past, future), past_steps, future)
         for rows in (training, test)
     )
-    needed = windows_needed(learnt.inputs.shape[1] + future, max(settings.components))
+    needed = max(windows_needed(learnt.inputs.shape[1] + future, max(settings.components)), FEWEST_SAMPLES)
     if (found := len(learnt.centres)) < needed:
         raise _too_few(project, driver, fold, f"{found} windows to learn from", needed)
     rows: list[dict[str, Any]] = []
@@ -151,8 +152,9 @@ def evaluate_lookahead(project: Path, driver: str, fold: int, config: Config) ->
             )
 
     with one_thread():
-        change = np.square(lookahead - previous)[training]
-        measure("persistence", None, None, (previous, np.full(len(previous), np.sqrt(np.nanmean(change)))))
+        change = (lookahead - previous)[training & np.isfinite(previous)]
+        spread = math.sqrt(_mean(np.square(change)) or 0.0)
+        measure("persistence", None, None, (previous, np.full(len(previous), spread)))
         gap = round(config.dataset.embargo * 1e9 / config.sync.period)
         mean, variance = Ridge.fit(inputs[training], lookahead[training, None], gap=gap).predict(inputs)
         measure("ridge", None, None, (mean[:, 0], np.sqrt(variance[:, 0])))

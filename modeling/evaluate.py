@@ -66,7 +66,7 @@ def gather_results(project: Project) -> list[tuple[str, tuple[str, ...], list[tu
     column that does not apply is empty. The summary holds the means over the folds.
 
     Returns:
-        The summary as tables to print: title, heads and rows.
+        The summary of the test folds as tables to print: title, heads and rows.
 
     Raises:
         InputError: No dataset was built yet.
@@ -87,9 +87,15 @@ def gather_results(project: Project) -> list[tuple[str, tuple[str, ...], list[tu
         table.writerows(rows[experiment])
         publish_text(project.results_folder / f"{experiment}.csv", text.getvalue())
         summary[experiment] = _means_over_folds(rows[experiment], columns)
-        heads = tuple(name for name in columns if name != "fold")
-        title = experiment.replace("_", " ").capitalize() + ", means over the folds"
-        printed.append((title, heads, [tuple(row[name] for name in heads) for row in summary[experiment]]))
+        heads = tuple(name for name in columns if name not in ("fold", "split"))
+        title = experiment.replace("_", " ").capitalize() + ": means over the test folds"
+        printed.append(
+            (
+                title,
+                heads,
+                [tuple(row[name] for name in heads) for row in summary[experiment] if row.get("split") != "train"],
+            )
+        )
     publish_json(project.results_folder / "summary.json", summary)
     return printed
 

@@ -79,7 +79,7 @@ def train_motion_primitives(project: Path, driver: str, files: Mapping[str, str]
     past, future = max(past_steps, 0), settings.future_steps
     centres = window_centres(series.stretch, series.has_path_and_steering, past, future)
     windows = cut_windows(series, centres, past_steps, future)
-    needed = windows_needed(windows.inputs.shape[1] + future, components)
+    needed = max(windows_needed(windows.inputs.shape[1] + future, components), FEWEST_SAMPLES)
     if len(centres) < needed:
         raise _too_few(project, driver, f"{len(centres)} windows", needed)
     with one_thread():

@@ -191,7 +191,7 @@ def test_only_current_cells_are_gathered(own_project: Project, perform: Perform)
     tasks = [task for task in plan_evaluation(own_project)[0] if task.name.startswith("lookahead/b.~")]
     perform(own_project, tasks)
     titles = [title for title, _, _ in gather_results(own_project)]
-    assert titles == ["Lookahead, means over the folds", "Motion primitives, means over the folds"]
+    assert titles == ["Lookahead: means over the test folds", "Motion primitives: means over the test folds"]
     assert len(table(own_project, "lookahead")) == 36
     assert len(table(own_project, "motion_primitives")) == 0
     path = own_project.directory / "wheelprint.toml"
