@@ -9,7 +9,7 @@ WORKERS ?= 2
 $(VENV)/installed: pyproject.toml constraints.txt cli schemas ingest ingest/can ingest/oxts dataset modeling modeling/simulation report
 	test -d $(VENV) || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --config-settings editable_mode=strict --editable ".[dev]"
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --config-settings editable_mode=strict --editable ".[dev,mf4]"
 	touch $@
 
 demo: $(VENV)/installed

@@ -24,6 +24,8 @@ def inspect_files(report: Report, files: Sequence[Path], databases: Sequence[str
 
     database, problems = load_databases(databases, Path())
     report.problems += problems
+    if database.repairs:
+        report.tables.append(("Repairs of the databases", ("repair",), [(str(repair),) for repair in database.repairs]))
     logs: list[Inspection] = []
     for path in files:
         try:

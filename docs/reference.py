@@ -99,7 +99,9 @@ def _kind(annotation: object) -> str:
     if origin is list:
         return f"list of {_kind(typing.get_args(annotation)[0])}"
     if origin is dict:
-        return 'table of canonical = "Message.Signal" or { signal, sign, scale, channel }'
+        return 'table of canonical = "Message.Signal" or { signal, sign, scale, channel, source }'
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return f"text or {{ {', '.join(annotation.model_fields)} }}"
     return {str: "text", float: "number", int: "whole number", bool: "true or false"}.get(annotation, str(annotation))  # type: ignore[call-overload, no-any-return]
 
 

@@ -25,6 +25,7 @@ from .can.database import Database, load_databases
 from .clock import ClockEstimate, estimate_clock
 from .mapping import MappedSignal, resolve
 from .navigation import merge_navigation
+from .oxts.kitti import Kitti
 from .readers import FrameReader, NavigationReader, Reader, recognise
 from .signal_files import as_facts, decode_log, signal_file
 from .signs import reversed_signals
@@ -34,7 +35,7 @@ DAY = 86_400_000_000_000
 LONGEST_RECORDING = 7 * DAY
 
 BESIDE_LOGS = frozenset(
-    ".avi .dbc .doc .docx .jpeg .jpg .json .kcd .md .mkv .mp4 .pdf .png .sym .toml .txt .xls .xlsx .xml".split()
+    ".arxml .avi .dbc .doc .docx .jpeg .jpg .json .kcd .md .mkv .mp4 .pdf .png .sym .toml .txt .xls .xlsx .xml".split()
 )
 """Suffixes of what people keep beside logs; such a file that no reader claims is listed, but is not a problem."""
 
@@ -105,7 +106,8 @@ def convert_recording(
         InputError: The recording holds no log at all.
     """
     place = Project(project)
-    logs = _read_logs(project, recording, database, place.signals_folder(recording.driver, recording.name))
+    folder = place.signals_folder(recording.driver, recording.name)
+    logs = _read_logs(project, recording, database, folder, config.nav.format)
     problems = logs.problems
     sampled, signal_facts = _read_signals(logs.message_files, mapping, recording, problems)
     navigation = merge_navigation(logs.navigation) if logs.navigation else None
@@ -116,6 +118,7 @@ def convert_recording(
         "driver": recording.driver,
         "inputs": logs.inputs,
         "ignored": logs.ignored,
+        "database_repairs": [str(repair) for repair in database.repairs],
         "outputs": logs.outputs,
         "signals": signal_facts,
         "clock": _clock_facts(clock),
@@ -161,9 +164,10 @@ class _RawLogs:
     navigation: list[pa.Table] = field(default_factory=list)
 
 
-def _read_logs(project: Path, recording: Recording, database: Database, folder: Path) -> _RawLogs:
+def _read_logs(project: Path, recording: Recording, database: Database, folder: Path, nav_format: str) -> _RawLogs:
     """Decode every file of a recording into `folder`; what cannot be read becomes a problem of its own."""
     logs = _RawLogs()
+    belonging: set[str] = set()
     for name, path in recording_files(recording).items():
         try:
             readers = recognise(path)
@@ -174,6 +178,11 @@ def _read_logs(project: Path, recording: Recording, database: Database, folder: 
                 logs.problems.append(error)
             continue
         for reader in readers:
+            if reader.kind == "nav" and nav_format not in ("auto", reader.format):
+                logs.ignored.append(name)
+                continue
+            if isinstance(reader, Kitti):
+                belonging.update(part.relative_to(recording.folder).as_posix() for part in reader.parts())
             account = Account()
             try:
                 if reader.kind == "can":
@@ -187,6 +196,7 @@ def _read_logs(project: Path, recording: Recording, database: Database, folder: 
                 continue  # The format may hold this kind of record; this file does not.
             logs.inputs.append(_input_facts(recording, path, reader, account, span) | facts)
             logs.problems += _account_problems(path, account)
+    logs.ignored = [name for name in logs.ignored if name not in belonging]
     if all("failed" in entry for entry in logs.inputs):
         reasons = "; ".join(dict.fromkeys(str(problem) for problem in logs.problems))
         what = f"none of its files could be read: {reasons}" if reasons else "it holds no log"
@@ -230,6 +240,7 @@ def _input_facts(recording: Recording, path: Path, reader: Reader, account: Acco
         "path": path.relative_to(recording.folder).as_posix(),
         "sha256": sha256(path),
         "bytes": path.stat().st_size,
+        **({"parts_sha256": _sha256_of_parts(reader)} if isinstance(reader, Kitti) else {}),
         "format": reader.format,
         "kind": reader.kind,
         "accepted": account.accepted,
@@ -239,6 +250,11 @@ def _input_facts(recording: Recording, path: Path, reader: Reader, account: Acco
         "start": None if span[0] is None else iso_utc(span[0]),
         "stop": None if span[1] is None else iso_utc(span[1]),
     }
+
+
+def _sha256_of_parts(reader: Kitti) -> str:
+    """Return one hash for all files of a recording that is a folder: of their names and hashes."""
+    return fingerprint({part.name: sha256(part) for part in reader.parts()})
 
 
 def _account_problems(path: Path, account: Account) -> list[InputError]:
@@ -275,7 +291,7 @@ def _read_signals(
             reason = f"{signal.out_of_range} of {len(signal.time)} samples lie outside the signal's range and are null"
             problems.append(InputError(recording.folder, f"can.signals.{canonical}", reason))
         sampled[canonical] = signal
-        facts[canonical] = asdict(replace(mapped, channel=signal.channel)) | {
+        facts[canonical] = asdict(replace(mapped, channel=signal.channel, source=signal.source)) | {
             "samples": len(signal.time),
             "out_of_range": signal.out_of_range,
         }

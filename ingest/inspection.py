@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast
@@ -14,6 +13,7 @@ import pyarrow as pa
 from .account import Account
 from .can.database import Database
 from .can.frames import DATA, KINDS, FrameBatch
+from .can.matching import find_messages
 from .readers import FrameReader, NavigationReader, recognise
 
 MessageKey = tuple[str, int, bool]
@@ -78,14 +78,13 @@ def inspect_log(path: Path, database: Database) -> list[Inspection]:
     Raises:
         InputError: The file is missing, of no known format, or damaged beyond what its reader can go on from.
     """
-    names = {(message.id, message.extended): message.name for message in database.messages}
     readers = recognise(path)
     inspections = []
     for reader in readers:
         found = Inspection(path, reader.format, reader.kind, Account())
         if reader.kind == "can":
             for batch in cast("FrameReader", reader).batches(found.account):
-                _count_frames(found, batch, names)
+                _count_frames(found, batch, database)
         else:
             for samples in cast("NavigationReader", reader).batches(found.account):
                 _extend(found, samples["time"].cast(pa.int64()).to_numpy())
@@ -102,7 +101,7 @@ def _extend(found: Inspection, time: np.ndarray[tuple[int], np.dtype[np.int64]])
         found.stop = int(time.max()) if found.stop is None else max(found.stop, int(time.max()))
 
 
-def _count_frames(found: Inspection, batch: FrameBatch, names: Mapping[tuple[int, bool], str]) -> None:
+def _count_frames(found: Inspection, batch: FrameBatch, database: Database) -> None:
     _extend(found, batch.time)
     found.frame_kinds.update({kind: int(np.count_nonzero(batch.kind == code)) for code, kind in enumerate(KINDS)})
     data = np.flatnonzero(batch.kind == DATA)
@@ -120,7 +119,9 @@ def _count_frames(found: Inspection, batch: FrameBatch, names: Mapping[tuple[int
         time = batch.time[rows]
         count = found.messages.get(message)
         if count is None:
-            count = MessageCount(0, int(time[0]), int(time[0]), 0, names.get((identifier, extended)))
+            index = int(find_messages(database.messages, batch.id[rows[:1]], batch.extended[rows[:1]], message[0])[0])
+            name = database.messages[index].name if index < len(database.messages) else None
+            count = MessageCount(0, int(time[0]), int(time[0]), 0, name)
             found.messages[message] = count
         count.longest_gap = max(count.longest_gap, int(np.diff(time, prepend=count.last).max()))
         count.frames += len(rows)

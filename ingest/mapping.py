@@ -18,12 +18,13 @@ class MappedSignal:
 
     Attributes:
         canonical: Its canonical name.
-        message: Name of the message in the database.
+        message: Name of the message in the merged database.
         signal: Name of the signal in the message.
         column: Its column in the signal file.
         unit: Unit as the database writes it.
         factor: What the decoded value is multiplied by: unit or scale, and sign.
         channel: The bus it is taken from; None: the one that carries most of it.
+        source: J1939 address of the sender it is taken from; None: the one that sends most of it.
     """
 
     canonical: str
@@ -33,6 +34,7 @@ class MappedSignal:
     unit: str
     factor: float
     channel: str | None
+    source: int | None = None
 
 
 def resolve(can: Can, database: Database, config_file: Path) -> tuple[dict[str, MappedSignal], list[InputError]]:
@@ -53,7 +55,7 @@ def resolve(can: Can, database: Database, config_file: Path) -> tuple[dict[str, 
         key = f"can.signals.{canonical}"
         message, signal = source.signal.split(".", 1)
         try:
-            _, found = database.find(message, signal)
+            layout, found = database.find(message, signal, source.channel)
         except LookupError as error:
             problems.append(InputError(config_file, key, str(error.args[0])))
             continue
@@ -68,6 +70,6 @@ def resolve(can: Can, database: Database, config_file: Path) -> tuple[dict[str, 
             problems.append(InputError(config_file, key, reason))
             continue
         mapped[canonical] = MappedSignal(
-            canonical, message, signal, found.column, found.unit, scale * source.sign, source.channel
+            canonical, layout.name, signal, found.column, found.unit, scale * source.sign, source.channel, source.source
         )
     return mapped, problems

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from bisect import bisect_left
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -12,8 +12,10 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from ..schemas.angles import wrap_degrees
-from ..schemas.signals import NAV_SIGNALS
+from ..schemas.signals import NAV_SIGNALS, SIGNALS
 from ..schemas.tables import NAVIGATION
+from ..schemas.times import iso_utc
+from .account import Account
 
 Times = npt.NDArray[np.int64]
 Values = npt.NDArray[np.float64]
@@ -31,12 +33,31 @@ class Origin:
     Attributes:
         latitude: deg, WGS 84.
         longitude: deg.
-        altitude: m, as the navigation unit gives it.
+        altitude: m, as the navigation unit gives it; 0 where it does not.
     """
 
     latitude: float
     longitude: float
     altitude: float
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """Some records of a navigation log, in the order of the log, with Wheelprint's axes and units.
+
+    Attributes:
+        place: int64 (n,), the byte, line or frame where each record begins.
+        time: int64 (n,), ns since 1970, UTC.
+        timed: bool (n,); a record without time (a status message) is accepted, but is no sample.
+        signals: Navigation signals by name, (n,) each, NaN where missing; all but `x` and `y`.
+        doubts: By number of the record among these: why it is rejected.
+    """
+
+    place: Times
+    time: Times
+    timed: npt.NDArray[np.bool_]
+    signals: Mapping[str, npt.NDArray[np.generic]]
+    doubts: Mapping[int, str]
 
 
 def local_position(latitude: Values, longitude: Values, altitude: Values, origin: Origin) -> tuple[Values, Values]:
@@ -48,14 +69,15 @@ def local_position(latitude: Values, longitude: Values, altitude: Values, origin
     Args:
         latitude: (n,) deg.
         longitude: (n,) deg.
-        altitude: (n,) m.
+        altitude: (n,) m; where it is NaN, the origin's is taken.
         origin: Where x and y are zero.
 
     Returns:
-        x and y, (n,) m; NaN where an argument is.
+        x and y, (n,) m; NaN where latitude or longitude is.
     """
     from pymap3d import geodetic2enu
 
+    altitude = np.where(np.isnan(altitude), origin.altitude, altitude)
     x, y, _ = geodetic2enu(latitude, longitude, altitude, origin.latitude, origin.longitude, origin.altitude)
     return x, y
 
@@ -104,6 +126,70 @@ def remove_gravity(specific_force: Values, pitch: Values, roll: Values) -> tuple
     return forward, -right
 
 
+def inertial_signals(
+    *,
+    latitude: Values,
+    longitude: Values,
+    altitude: Values,
+    velocity: Values,
+    orientation: Values,
+    specific_force: Values,
+    yaw_rate: Values,
+) -> dict[str, npt.NDArray[np.generic]]:
+    """Return the navigation signals of an inertial unit with axes forward, right, down; NaN stays NaN.
+
+    Gravity is removed from the accelerations, see `remove_gravity`.
+
+    Args:
+        latitude: (n,) deg, WGS 84.
+        longitude: (n,) deg.
+        altitude: (n,) m.
+        velocity: (n, 2) m/s, north and east.
+        orientation: (n, 3) rad, heading (clockwise from north), pitch (nose up), roll (right side down).
+        specific_force: (n, 3) m/s², what accelerometers measure: a level car at rest has (0, 0, -g).
+        yaw_rate: (n,) rad/s about the car's own axis, positive to the right.
+    """
+    speed, course = horizontal_motion(velocity[:, 0], velocity[:, 1])
+    heading, pitch, roll = orientation.T
+    longitudinal, lateral = remove_gravity(specific_force, pitch, roll)
+    return {
+        "latitude": latitude,
+        "longitude": longitude,
+        "altitude": altitude,
+        "course": course,
+        "heading": anticlockwise_from_east(np.degrees(heading)),
+        "nav_speed": speed,
+        "nav_yaw_rate": -np.degrees(yaw_rate),
+        "nav_longitudinal_acceleration": longitudinal,
+        "nav_lateral_acceleration": lateral,
+    }
+
+
+def is_on_earth(latitude: Values, longitude: Values, altitude: Values) -> npt.NDArray[np.bool_]:
+    """Tell which positions (deg, deg, m) a car can be at; NaN is nowhere."""
+    lowest, highest = SIGNALS["altitude"].minimum, SIGNALS["altitude"].maximum
+    return (np.abs(latitude) <= 90) & (np.abs(longitude) <= 180) & (altitude >= lowest) & (altitude <= highest)
+
+
+def impossible_positions(latitude: Values, longitude: Values, altitude: Values, record: str) -> dict[int, str]:
+    """Return why records are rejected whose position (deg, deg, m; NaN where missing) is nowhere on earth.
+
+    Args:
+        latitude: (n,) deg.
+        longitude: (n,) deg.
+        altitude: (n,) m.
+        record: What a record is called: `frame`, `line`.
+    """
+    plausible = is_on_earth(np.nan_to_num(latitude), np.nan_to_num(longitude), np.nan_to_num(altitude))
+    return {
+        index: (
+            f"latitude {latitude[index]:.9g} deg, longitude {longitude[index]:.9g} deg, altitude {altitude[index]:.9g} "
+            f"m is nowhere on earth; the {record} is damaged"
+        )
+        for index in np.flatnonzero(~plausible).tolist()
+    }
+
+
 def longest_increasing(time: Times, after: int) -> npt.NDArray[np.bool_]:
     """Choose the largest set of samples whose stamps strictly increase, all later than `after`.
 
@@ -138,6 +224,81 @@ def longest_increasing(time: Times, after: int) -> npt.NDArray[np.bool_]:
         sample = previous[sample]
     keep[keep] = chosen
     return keep
+
+
+def navigation_batches(
+    read: Callable[[Account], Iterable[Samples]],
+    account: Account,
+    metadata: Mapping[str, str],
+    *,
+    unit: str,
+    record: str,
+) -> Iterator[pa.RecordBatch]:
+    """Yield a log's samples in the order of time, in the schema `NAVIGATION`, and count its records in `account`.
+
+    Samples whose time does not increase are rejected: of repeated ones the first is kept, of those out of order as
+    many as possible. The schema's metadata holds `origin`, see `origin_metadata`: the log's first position.
+
+    Args:
+        read: Yields the log's records from its beginning. It is called twice, the first time with an account of its
+            own, to find the first position.
+        account: Of the log.
+        metadata: More for the schema.
+        unit: What `Samples.place` counts, for the places of rejected records: `byte`, `line`.
+        record: What a record is called in their reasons: `packet`, `line`.
+    """
+    origin = next(filter(None, map(_first_position, read(Account()))), None)
+    metadata = {"origin": origin_metadata(origin), **metadata}
+    last = int(np.iinfo(np.int64).min)
+    for samples in read(account):
+        timed = samples.timed.copy()
+        timed[list(samples.doubts)] = False
+        chosen = np.flatnonzero(timed)
+        kept = longest_increasing(samples.time[chosen], last)
+        reasons = {**samples.doubts, **_out_of_order(samples.time, chosen, kept, last, record)}
+        for number in sorted(reasons):
+            account.reject(f"{unit} {samples.place[number]}", reasons[number])
+        account.accepted += len(samples.time) - len(reasons)
+        chosen = chosen[kept]
+        if len(chosen):
+            last = int(samples.time[chosen[-1]])
+            signals = {name: values[chosen] for name, values in samples.signals.items()}
+            if origin is not None:
+                latitude, longitude, altitude = _position(signals)
+                signals["x"], signals["y"] = local_position(latitude, longitude, altitude, origin)
+            yield navigation_batch(samples.time[chosen], signals, metadata)
+
+
+def _position(signals: Mapping[str, npt.NDArray[np.generic]]) -> tuple[Values, ...]:
+    return tuple(signals[name].astype(np.float64) for name in ("latitude", "longitude", "altitude"))
+
+
+def _first_position(samples: Samples) -> Origin | None:
+    latitude, longitude, altitude = _position(samples.signals)
+    known = samples.timed & ~np.isnan(latitude) & ~np.isnan(longitude)
+    known[list(samples.doubts)] = False
+    if not known.any():
+        return None
+    first = int(np.argmax(known))
+    return Origin(float(latitude[first]), float(longitude[first]), float(np.nan_to_num(altitude[first])))
+
+
+def _out_of_order(
+    time: Times, samples: npt.NDArray[np.intp], kept: npt.NDArray[np.bool_], last: int, record: str
+) -> dict[int, str]:
+    """Say of each sample that was not kept why; `last` is the stamp of the last sample before these."""
+    reasons = {}
+    stamps = time[samples]
+    kept_stamps = stamps[kept]
+    for number in np.flatnonzero(~kept).tolist():
+        stamp = int(stamps[number])
+        place = int(np.searchsorted(kept_stamps, stamp))
+        if stamp == last or (place < len(kept_stamps) and kept_stamps[place] == stamp):
+            why = f"is that of another {record}; repeated in recording, the first one is kept"
+        else:
+            why = f"is out of order with the {record}s around it; they changed places, or the clock was set"
+        reasons[int(samples[number])] = f"its time {iso_utc(stamp)} {why}"
+    return reasons
 
 
 def navigation_batch(

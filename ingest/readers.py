@@ -8,9 +8,23 @@ from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, cast
 
 from ..schemas.errors import InputError
 from .account import Account
+from .can.asc import Asc
+from .can.blf import Blf
 from .can.candump import Candump
+from .can.candump_console import CandumpConsole
+from .can.crtd import Crtd
+from .can.gvret_csv import GvretCsv
+from .can.mf4 import Mf4
+from .can.pcap import Pcap
+from .can.python_can_csv import PythonCanCsv
+from .can.trc import Trc
 from .content import head
+from .mcap_logs import McapFrames, McapNavigation
+from .nmea import Nmea
+from .oxts.kitti import Kitti
 from .oxts.ncom import Ncom
+from .oxts.oxts_csv import OxtsCsv
+from .oxts.xcom import Xcom
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -58,7 +72,25 @@ class NavigationReader(Reader, Protocol):
         ...
 
 
-READERS: tuple[type[FrameReader | NavigationReader], ...] = (Candump, Ncom)
+READERS: tuple[type[FrameReader | NavigationReader], ...] = (
+    Asc,
+    Blf,
+    Candump,
+    CandumpConsole,
+    Crtd,
+    GvretCsv,
+    McapFrames,
+    Mf4,
+    Pcap,
+    PythonCanCsv,
+    Trc,
+    Kitti,
+    McapNavigation,
+    Ncom,
+    Nmea,
+    OxtsCsv,
+    Xcom,
+)
 """Every reader; a new one is a line here (and passes the compliance tests)."""
 
 

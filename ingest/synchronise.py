@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -34,34 +35,46 @@ class SampledSignal:
         values: float64 (n,), in the stored unit; NaN where missing.
         channel: The bus it came from; empty for navigation.
         out_of_range: Samples set to missing because they lie outside the signal's range.
+        source: J1939 address of the sender; None where it is not J1939's.
     """
 
     time: Times
     values: Values
     channel: str
     out_of_range: int
+    source: int | None = None
 
 
 def read_mapped(files: Sequence[Path], mapped: MappedSignal) -> SampledSignal | None:
     """Read a mapped signal from the signal files of its message, one for each log.
 
-    Where several buses carry the message and the mapping names none, the one with most frames is taken.
+    Where several buses carry the message, or several senders in J1939, and the mapping names none, the one with most
+    frames is taken.
 
     Returns:
         The signal; None where no such frame was recorded.
     """
+    columns = ("time", "channel", "source", mapped.column)
     table = pa.concat_tables(
-        read_table(file).select(["time", "channel", mapped.column]).replace_schema_metadata() for file in files
-    )
-    channel = mapped.channel
-    if channel is None and len(table):
-        counts = sorted(pc.value_counts(table["channel"]).to_pylist(), key=lambda c: (-c["counts"], c["values"]))
-        channel = counts[0]["values"]
-    table = table.filter(pc.equal(table["channel"], channel))
+        (whole := read_table(file)).select([name for name in columns if name in whole.column_names])
+        .replace_schema_metadata() for file in files
+    )  # fmt: skip
+    table, channel = _from_one(table, "channel", mapped.channel)
+    source = None
+    if "source" in table.column_names:
+        table, source = _from_one(table, "source", mapped.source)
     if len(table) == 0:
         return None
     values = table[mapped.column].cast(pa.float64(), safe=False).to_numpy() * mapped.factor
-    return _in_range(mapped.canonical, _nanoseconds(table), values, str(channel))
+    return replace(_in_range(mapped.canonical, _nanoseconds(table), values, str(channel)), source=source)
+
+
+def _from_one(table: pa.Table, column: str, wanted: Any) -> tuple[pa.Table, Any]:
+    """Return the rows with one value in a column, and that value: the most frequent one where none is wanted."""
+    if wanted is None and len(table):
+        counts = pc.value_counts(table[column]).to_pylist()
+        wanted = min(counts, key=lambda c: (-c["counts"], c["values"]))["values"]
+    return table.filter(pc.equal(table[column], wanted)), wanted
 
 
 def read_navigation(navigation: pa.Table) -> dict[str, SampledSignal]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator
 
@@ -49,6 +49,16 @@ class Layout(Section):
         return pattern
 
 
+class DatabaseFile(Section):
+    """A CAN database: a shipped name or a path, or a table that says more."""
+
+    file: str = Field(description="shipped name or path: DBC, KCD, SYM, ARXML")
+    channel: str | None = Field(default=None, description="the only bus whose frames it describes")
+    j1939: bool | None = Field(
+        default=None, description="its 29-bit messages are found by their PGN; default: as the database says"
+    )
+
+
 class CanSignal(Section):
     """Where a canonical signal comes from: `"Message.Signal"`, or a table that says more."""
 
@@ -58,12 +68,21 @@ class CanSignal(Section):
         default=None, description="factor to the stored unit; default: from the database's unit"
     )
     channel: str | None = Field(default=None, description="bus, where several carry the message")
+    source: int | None = Field(
+        default=None, ge=0, le=255, description="J1939 address of the sender, where several send the message"
+    )
 
 
 class Can(Section):
     """`[can]`."""
 
-    database: list[str] = Field(default_factory=list, description="shipped names or paths: DBC, KCD, SYM, ARXML")
+    database: list[Annotated[DatabaseFile, BeforeValidator(lambda v: {"file": v} if isinstance(v, str) else v)]] = (
+        Field(
+            default_factory=list,
+            description="shipped names or paths: DBC, KCD, SYM, ARXML; with `channel` it stands for that bus's frames "
+            "only, with `j1939 = true` (or where it says so itself) its 29-bit messages are found by PGN",
+        )
+    )
     signals: dict[str, Annotated[CanSignal, BeforeValidator(lambda v: {"signal": v} if isinstance(v, str) else v)]] = (
         Field(default_factory=dict, description='canonical = "Message.Signal"')
     )
@@ -81,7 +100,9 @@ class Can(Section):
 class Nav(Section):
     """`[nav]`."""
 
-    format: Literal["auto", "ncom"] = "auto"
+    format: Literal["auto", "kitti", "mcap", "ncom", "nmea", "oxts-csv", "xcom"] = Field(
+        default="auto", description="the only format that navigation is taken from; auto: any"
+    )
 
 
 class Sync(Section):
@@ -165,18 +186,28 @@ class Segments(Section):
 class LookaheadModel(Section):
     """`[models.lookahead]`: PP's two regressions."""
 
-    components: list[int] = Field(default=[3, 6, 12], min_length=1, description="total number of components")
-    regressors: list[int] = Field(default=[3], description="n2: models of the velocity-based regression")
+    components: list[int] = Field(
+        default=[3, 6, 12], min_length=1, description="total numbers of components to evaluate; the last is trained"
+    )
+    regressors: list[int] = Field(
+        default=[3], description="n2 of PP to evaluate: models of the velocity-based regression; the last is trained"
+    )
     starts: int = Field(default=3, ge=1, description="k-means starts of every fit; the most likely one is kept")
 
 
 class MotionPrimitives(Section):
     """`[models.motion_primitives]`: MP's two-level structure."""
 
-    path_types: list[Literal[1, 3, 27]] = Field(default=[1, 3, 27], min_length=1, description="n1")
-    past_steps: list[Annotated[int, Field(ge=-1)]] = Field(default=[1], min_length=1, description="n2")
-    future_steps: int = Field(default=50, ge=1, description="n3")
-    components: list[Annotated[int, Field(ge=1)]] = Field(default=[3], min_length=1, description="n4")
+    path_types: list[Literal[1, 3, 27]] = Field(
+        default=[1, 3, 27], min_length=1, description="n1 of MP to evaluate; the last is trained"
+    )
+    past_steps: list[Annotated[int, Field(ge=-1)]] = Field(
+        default=[1], min_length=1, description="n2 of MP to evaluate, -1: without any steering; the last is trained"
+    )
+    future_steps: int = Field(default=50, ge=1, description="n3 of MP")
+    components: list[Annotated[int, Field(ge=1)]] = Field(
+        default=[3], min_length=1, description="n4 of MP to evaluate; the last is trained"
+    )
     starts: int = Field(default=1, ge=1)
 
 
@@ -239,7 +270,11 @@ def _complaint(location: tuple[int | str, ...], kind: str, message: str, found: 
     if kind == "extra_forbidden":
         section: Any = Config
         for part in location[:-1]:
-            section = section.model_fields[part].annotation if hasattr(section, "model_fields") else None
+            if hasattr(section, "model_fields"):
+                section = section.model_fields[part].annotation
+            else:  # an element of a list or table
+                *_, section = get_args(section) or (None,)
+                section = get_args(section)[0] if get_origin(section) is Annotated else section
         known = list(section.model_fields) if hasattr(section, "model_fields") else []
         near = difflib.get_close_matches(str(location[-1]), known, n=1)
         hint = f"did you mean {near[0]}?" if near else f"known here: {', '.join(known)}"

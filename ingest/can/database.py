@@ -5,17 +5,24 @@ from __future__ import annotations
 import difflib
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import resources
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 from ...schemas import databases
+from ...schemas.config import DatabaseFile
 from ...schemas.errors import InputError
+from .matching import identity
+from .repair import Repair, decode_text, repair_dbc
 
 SUFFIXES = (".dbc", ".kcd", ".sym", ".arxml")
+
+FRAME_COLUMNS = frozenset({"time", "channel", "source", "destination"})
+"""Columns of a decoded message that are its frames' own."""
 
 _LONGEST_MESSAGE = 4096  # bytes; what ISO-TP and J1939 carry in several frames is below
 _MOST_VALUES = 65536  # of a multiplexer, in one range
@@ -66,7 +73,7 @@ class SignalLayout:
     @property
     def column(self) -> str:
         """Name of the signal's column; one that is taken by a frame's own gets an underscore."""
-        return f"{self.name}_" if self.name in {"time", "channel"} else self.name
+        return f"{self.name}_" if self.name in FRAME_COLUMNS else self.name
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,13 +81,15 @@ class MessageLayout:
     """One message.
 
     Attributes:
-        name: Name in the database.
+        name: Name in the database; where databases of several buses have it, with the bus: `STEER@can1`.
         id: Identifier.
         extended: The identifier has 29 bits.
         length: Payload bytes that the database states.
         description: The database's comment.
         signals: In the database's order.
         source: The database it is from, as the project names it.
+        channel: The only bus whose frames it stands for; None: all.
+        j1939: Frames are found by parameter group, whatever their priority and source address are.
     """
 
     name: str
@@ -90,6 +99,8 @@ class MessageLayout:
     description: str
     signals: tuple[SignalLayout, ...]
     source: str = ""
+    channel: str | None = None
+    j1939: bool = False
 
     @property
     def label(self) -> str:
@@ -99,22 +110,42 @@ class MessageLayout:
 
 @dataclass(frozen=True)
 class Database:
-    """The messages of one or several databases; no two have the same name or the same identifier."""
+    """The messages of one or several databases.
+
+    Attributes:
+        messages: No two have the same name, nor, on one bus, the same identifier.
+        repairs: What was put right in the files.
+    """
 
     messages: tuple[MessageLayout, ...] = ()
+    repairs: tuple[Repair, ...] = field(default=(), compare=False)
 
     @cached_property
     def by_name(self) -> dict[str, MessageLayout]:
         """Messages by their name."""
         return {message.name: message for message in self.messages}
 
-    def find(self, message: str, signal: str) -> tuple[MessageLayout, SignalLayout]:
+    def find(self, message: str, signal: str, channel: str | None = None) -> tuple[MessageLayout, SignalLayout]:
         """Return a message and one of its signals.
+
+        Args:
+            message: Name of the message.
+            signal: Name of the signal.
+            channel: The bus, where databases of several have the message.
 
         Raises:
             LookupError: There is no such message or signal; the text names similar ones and where the signal is.
         """
-        layout = self.by_name.get(message)
+        layout = self.by_name.get(f"{message}@{channel}", self.by_name.get(message))
+        if layout is None and (buses := [str(m.channel) for m in self.messages if m.name == f"{message}@{m.channel}"]):
+            known = f"message {message} is in the databases of channels {_enumerate(buses)}"
+            raise LookupError(
+                f"{known}, not of {channel}" if channel else f'{known}; say which: channel = "{buses[0]}"'
+            )
+        if layout is not None and channel is not None and layout.channel not in (None, channel):
+            raise LookupError(
+                f"message {layout.label} is in the database of channel {layout.channel}, not of {channel}"
+            )
         having = [m.name for m in self.messages if signal.casefold() in {s.name.casefold() for s in m.signals}]
         if layout is None:
             fact, near = f"the database has no message {message}", _near(message, self.by_name)
@@ -140,11 +171,12 @@ def shipped_databases() -> tuple[str, ...]:
     )
 
 
-def load_database(names: Sequence[str], base: Path) -> Database:
+def load_database(names: Sequence[str | DatabaseFile], base: Path) -> Database:
     """Load databases and merge them.
 
     Args:
-        names: Shipped names (`byd_tang`) or paths of DBC, KCD, SYM or ARXML files.
+        names: Shipped names (`byd_tang`) or paths of DBC, KCD, SYM or ARXML files, or what the project file says of
+            them.
         base: The folder that relative paths start from.
 
     Raises:
@@ -156,53 +188,64 @@ def load_database(names: Sequence[str], base: Path) -> Database:
     return database
 
 
-def load_databases(names: Sequence[str], base: Path) -> tuple[Database, list[InputError]]:
+def load_databases(names: Sequence[str | DatabaseFile], base: Path) -> tuple[Database, list[InputError]]:
     """Load and merge what can be; return it with a complaint about everything that cannot.
 
-    Of messages with the same name or identifier the first is kept.
+    Of messages with the same name or identifier on one bus the first is kept.
 
     Args:
         names: See `load_database`.
         base: See `load_database`.
     """
     problems: list[InputError] = []
+    repairs: list[Repair] = []
     kept: list[MessageLayout] = []
-    taken: dict[Any, MessageLayout] = {}
-    for name in dict.fromkeys(names):
+    taken: dict[Any, list[MessageLayout]] = defaultdict(list)
+    for file in dict.fromkeys(DatabaseFile(file=name) if isinstance(name, str) else name for name in names):
         collisions: dict[str, list[str]] = defaultdict(list)
         try:
-            messages = _load(name, base, problems)
+            messages = _load(file, base, problems, repairs)
         except InputError as error:
             problems.append(error)
             continue
         for message in messages:
-            keys = (message.name, (message.id, message.extended))
-            earlier = next((taken[key] for key in keys if key in taken), None)
+            keys = (message.name, identity(message))
+            earlier = next((m for key in keys for m in taken[key] if _share_a_bus(m, message)), None)
             if earlier is None:
                 kept.append(message)
-                taken.update(dict.fromkeys(keys, message))
+                for key in keys:
+                    taken[key].append(message)
             else:
                 collisions[earlier.source].append(
                     message.label if earlier.label == message.label else f"{message.label} against {earlier.label}"
                 )
         for source, labels in collisions.items():
-            where = "twice in this database" if source == name else f"in this database and in {source}"
+            where = "twice in this database" if source == _source(file) else f"in this database and in {source}"
             reason = (
                 f"same message name or identifier {where}: {', '.join(labels)}. Which one a frame is cannot be known; "
                 "remove one of each pair"
             )
-            problems.append(InputError(_place(name, base), "", reason))
-    return Database(tuple(kept)), problems
+            problems.append(InputError(_place(file.file, base), "", reason))
+    # Two of one name are of two buses; what is stored of them must not be mixed.
+    merged = tuple(replace(m, name=f"{m.name}@{m.channel}") if len(taken[m.name]) > 1 else m for m in kept)
+    return Database(merged, tuple(repairs)), problems
+
+
+def _share_a_bus(one: MessageLayout, other: MessageLayout) -> bool:
+    return one.channel is None or other.channel is None or one.channel == other.channel
+
+
+def _source(file: DatabaseFile) -> str:
+    return f"{file.file} on {file.channel}" if file.channel else file.file
 
 
 def _place(name: str, base: Path) -> str:
     return name if name in shipped_databases() else str(base / name)
 
 
-def _load(name: str, base: Path, problems: list[InputError]) -> list[MessageLayout]:
+def _load(file: DatabaseFile, base: Path, problems: list[InputError], repairs: list[Repair]) -> list[MessageLayout]:
     """Return the messages of one database; what is wrong with single messages goes to `problems`."""
-    import cantools
-
+    name = file.file
     if name in shipped_databases():
         path, content = Path(name), (resources.files(databases) / f"{name}.dbc").read_bytes()
         kind = "dbc"
@@ -210,30 +253,63 @@ def _load(name: str, base: Path, problems: list[InputError]) -> list[MessageLayo
         path = base / name
         kind = path.suffix.lower().removeprefix(".")
         content = _read(path, name)
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = content.decode("cp1252", "replace")
+    text, repaired = decode_text(path, content)
     if kind == "dbc":
+        text, mended = repair_dbc(path, text)
+        repaired += mended
         _refuse_monsters(path, text)
-    try:
-        loaded = cantools.database.load_string(text, kind, strict=False, sort_signals=None)
-    except cantools.database.UnsupportedDatabaseFormatError as error:
-        said = re.sub(r'^[A-Z]+: "(.*)"$', r"\1", str(error), flags=re.DOTALL)
-        line = re.search(r"line (\d+)", said)
-        reason = f"cantools cannot read this {kind.upper()} file: {said}. Correct the file there, or export it again"
-        raise InputError(path, f"line {line[1]}" if line else "", reason) from None
+    repairs += repaired
+    loaded = _parse(path, text, kind)
+    lines = {
+        int(match[1]): text.count("\n", 0, match.start(1)) + 1
+        for match in re.finditer(r"^[ \t]*BO_\s+(\d{1,10})\s", text if kind == "dbc" else "", re.MULTILINE)
+    }
     if not loaded.messages:
         reason = "holds no messages; it is empty, cut off, or not the file that was meant. Export it again"
         raise InputError(path, "", reason)
     layouts = []
     for message in loaded.messages:
-        layout = _message_layout(message, name)
+        layout = replace(
+            _message_layout(message, _source(file)),
+            channel=file.channel,
+            j1939=bool(message.is_extended_frame) and _is_j1939(message, loaded.dbc, file.j1939),
+        )
         if wrong := _complaints(layout):
             problems.append(InputError(path, f"message {layout.label}", f"{'; '.join(wrong)}. It is left out"))
         else:
             layouts.append(layout)
+            repairs += _tolerated(path, layout, lines)
     return layouts
+
+
+def _parse(path: Path, text: str, kind: str) -> Any:
+    import cantools
+
+    try:
+        return cantools.database.load_string(text, kind, strict=False, sort_signals=None)
+    except cantools.database.UnsupportedDatabaseFormatError as error:
+        said = re.sub(r'^[A-Z]+: "(.*)"$', r"\1", str(error), flags=re.DOTALL)
+        line = re.search(r"line (\d+)", said)
+        reason = f"cantools cannot read this {kind.upper()} file: {said}. Correct the file there, or export it again"
+        raise InputError(path, f"line {line[1]}" if line else "", reason) from None
+
+
+def _is_j1939(message: Any, dbc: Any, said: bool | None) -> bool:
+    """Tell whether the project or, where it is silent, the DBC says that a message of 29 bits is J1939's.
+
+    `VFrameFormat` says so of a message, `ProtocolType` of all those whose format the DBC does not write.
+    """
+    if said is not None:
+        return said
+    if message.protocol == "j1939":
+        return True
+    if dbc is None or (message.dbc is not None and "VFrameFormat" in message.dbc.attributes):
+        return False
+    definition, attribute = dbc.attribute_definitions.get("ProtocolType"), dbc.attributes.get("ProtocolType")
+    protocol = attribute.value if attribute is not None else definition.default_value if definition is not None else ""
+    if isinstance(protocol, int) and definition is not None and protocol < len(definition.choices or ()):
+        protocol = definition.choices[protocol]
+    return "J1939" in str(protocol).upper()
 
 
 def _read(path: Path, name: str) -> bytes:
@@ -268,7 +344,7 @@ def _refuse_monsters(path: Path, text: str) -> None:
     )
     for pattern, limit, what in limits:
         for match in re.finditer(pattern, text, re.MULTILINE):
-            if int(match[1]) > limit:
+            if len(match[1]) > 9 or int(match[1]) > limit:
                 raise InputError(
                     path,
                     f"line {text.count(chr(10), 0, match.start(1)) + 1}",
@@ -276,7 +352,7 @@ def _refuse_monsters(path: Path, text: str) -> None:
                 )
     for statement in re.finditer(r"^[ \t]*SG_MUL_VAL_\s[^;]*", text, re.MULTILINE):
         for low, high in re.findall(r"(\d+)\s*-\s*(\d+)", statement[0]):
-            if int(high) - int(low) > _MOST_VALUES:
+            if len(low + high) > 40 or int(high) - int(low) > _MOST_VALUES:
                 raise InputError(
                     path,
                     f"line {text.count(chr(10), 0, statement.start()) + 1}",
@@ -328,6 +404,8 @@ def _complaints(message: MessageLayout) -> list[str]:
         if count > 1
     ]
     for signal in message.signals:
+        if signal.start < 0 or signal.length < 1:
+            complaints.append(f"signal {signal.name} has {signal.length} bits from bit {signal.start}")
         if signal.is_float and signal.length not in (16, 32, 64):
             complaints.append(f"signal {signal.name} is a float of {signal.length} bits, where 16, 32 and 64 exist")
         if not (abs(signal.scale) < _LARGEST and abs(signal.offset) < _LARGEST):
@@ -344,6 +422,55 @@ def _complaints(message: MessageLayout) -> list[str]:
         if len(chain) > len(set(chain)):
             complaints.append(f"multiplexers select each other: {' by '.join(chain)}")
     return complaints
+
+
+def _tolerated(path: Path, message: MessageLayout, lines: Mapping[int, int]) -> list[Repair]:
+    """List what other tools refuse and the decoder takes as it is."""
+    line = lines.get(message.id | message.extended << 31)
+    where = f"line {line}" if line else ""
+    by_name = {signal.name: signal for signal in message.signals}
+    found = [
+        (
+            f"signal {signal.name} of message {message.label} ends in byte {(stop + 7) // 8} of {message.length}",
+            "kept; it is null in frames that are too short for it",
+        )
+        for signal in message.signals
+        if (stop := signal.first_bit + signal.length) > 8 * message.length
+    ]
+    bits = {signal.name: _bits(signal) for signal in message.signals}
+    found += [
+        (f"signals {one.name} and {other.name} of message {message.label} overlap", "both are kept")
+        for one, other in combinations(message.signals, 2)
+        if bits[one.name] & bits[other.name] and not _exclude(one, other, by_name)
+    ]
+    return [Repair(str(path), where, what, done) for what, done in found]
+
+
+def _bits(signal: SignalLayout) -> int:
+    """Return a number whose ones are the signal's bits in the payload, bit 0 of byte 0 the least significant."""
+    stop, ones = signal.first_bit + signal.length, (1 << signal.length) - 1
+    if not signal.big_endian:
+        return ones << signal.first_bit
+    size = (stop + 7) // 8
+    return int.from_bytes((ones << 8 * size - stop).to_bytes(size, "big"), "little")
+
+
+def _exclude(one: SignalLayout, other: SignalLayout, by_name: Mapping[str, SignalLayout]) -> bool:
+    """Tell whether multiplexers never select both signals."""
+    selected = _selection(one, by_name)
+    return any(
+        selected.get(multiplexer, values).isdisjoint(values)
+        for multiplexer, values in _selection(other, by_name).items()
+    )
+
+
+def _selection(signal: SignalLayout, by_name: Mapping[str, SignalLayout]) -> dict[str, frozenset[int]]:
+    """Return the values of every multiplexer above a signal that select it."""
+    selection: dict[str, frozenset[int]] = {}
+    while signal.multiplexer is not None:
+        selection[signal.multiplexer] = frozenset(signal.multiplexer_values)
+        signal = by_name[signal.multiplexer]
+    return selection
 
 
 def _near(name: str, known: Iterable[str]) -> str:

@@ -14,6 +14,7 @@ import pyarrow as pa
 from ...schemas.tables import FRAMES
 from .database import Database, MessageLayout, SignalLayout, load_database
 from .frames import DATA, FrameBatch
+from .matching import find_messages, is_addressed, parameter_group
 
 _EXACT = 2**53  # beyond it not every integer is a float64
 
@@ -48,22 +49,25 @@ def split_by_message(
         Messages that occur, in the database's order, each with the ascending indexes of its frames; and how many
         frames no message stands for, by identifier and whether it is extended.
     """
-    known = np.array([m.id | m.extended << 32 for m in database.messages], np.int64)
-    order = np.argsort(known)
+    messages = database.messages
     rows = np.flatnonzero(batch.kind == DATA)
-    keys = batch.id[rows] | batch.extended[rows].astype(np.int64) << 32
-    group = np.full(len(rows), len(known), np.uint16)
-    if len(known):
-        place = np.minimum(np.searchsorted(known[order], keys), len(known) - 1)
-        matches = known[order][place] == keys
-        group[matches] = order[place[matches]]
+    identifiers, extended = batch.id[rows], batch.extended[rows]
+    if all(message.channel is None for message in messages):
+        group = find_messages(messages, identifiers, extended, "")
+    else:
+        group = np.full(len(rows), len(messages), np.uint16)
+        for index, channel in enumerate(batch.channels):
+            here = np.flatnonzero(batch.channel[rows] == index)
+            group[here] = find_messages(messages, identifiers[here], extended[here], channel)
     # numpy sorts 16-bit integers by counting, in linear time.
     rows = rows[np.argsort(group, kind="stable")]
-    counts = np.bincount(group, minlength=len(known) + 1)
+    counts = np.bincount(group, minlength=len(messages) + 1)
     parts = np.split(rows, np.cumsum(counts)[:-1])
-    unknown, frames = np.unique(keys[group == len(known)], return_counts=True)
+    others = group == len(messages)
+    keys = identifiers[others] | extended[others].astype(np.int64) << 32
+    unknown, frames = np.unique(keys, return_counts=True)
     return (
-        [(layout, part) for layout, part in zip(database.messages, parts, strict=False) if len(part)],
+        [(layout, part) for layout, part in zip(messages, parts, strict=False) if len(part)],
         Counter({(int(key) & 0xFFFFFFFF, bool(key >> 32)): int(n) for key, n in zip(unknown, frames, strict=True)}),
     )
 
@@ -73,27 +77,48 @@ def decode_message(layout: MessageLayout, batch: FrameBatch, rows: npt.NDArray[n
     schema = message_schema(layout)
     signals = decode_payloads(layout, batch.data.take(rows, axis=0), batch.length[rows])
     channels = pa.array(batch.channels, pa.string()).take(pa.array(batch.channel[rows]))
+    addresses = [
+        pa.array((batch.id[rows] >> shift).astype(np.uint8)) for shift in (0, 8)[: len(_address_fields(layout))]
+    ]
     return pa.RecordBatch.from_arrays(
-        [pa.array(batch.time[rows], schema.field("time").type), channels, *signals.values()], schema=schema
+        [pa.array(batch.time[rows], schema.field("time").type), channels, *addresses, *signals.values()], schema=schema
     )
 
 
 def message_schema(layout: MessageLayout) -> pa.Schema:
     """Return the schema of a decoded message: `time`, `channel`, then its signals in the database's order.
 
+    A J1939 message has `source`, the sender's address, before its signals and, where it is sent to one receiver (PDU1),
+    `destination`; its metadata have `pgn` (hexadecimal).
+
     Every signal's field has the metadata `unit`, `description`, `message`, `signal` and, where it has a value table,
     `choices`: JSON of the stored value (as text) to its name. The schema's metadata are `message`, `id` (hexadecimal),
-    `extended` and `description`. A signal called `time` or `channel` is in the column `time_` or `channel_`.
+    `extended` and `description`. A signal called like a frame's own column, such as `time`, is in `time_`.
     """
     return pa.schema(
-        [FRAMES.field("time"), FRAMES.field("channel"), *(_signal_field(layout, signal) for signal in layout.signals)],
+        [
+            FRAMES.field("time"),
+            FRAMES.field("channel"),
+            *_address_fields(layout),
+            *(_signal_field(layout, signal) for signal in layout.signals),
+        ],
         metadata={
             "message": layout.name,
             "id": f"0x{layout.id:X}",
             "extended": str(layout.extended).lower(),
             "description": layout.description,
-        },
+        }
+        | ({"pgn": f"0x{parameter_group(layout.id):X}"} if layout.j1939 else {}),
     )
+
+
+def _address_fields(layout: MessageLayout) -> list[pa.Field]:
+    if not layout.j1939:
+        return []
+    fields = [pa.field("source", pa.uint8(), metadata={"description": "J1939 address of the sender"})]
+    if is_addressed(layout.id):
+        fields.append(pa.field("destination", pa.uint8(), metadata={"description": "J1939 address of the receiver"}))
+    return fields
 
 
 def _signal_field(layout: MessageLayout, signal: SignalLayout) -> pa.Field:

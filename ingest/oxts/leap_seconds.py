@@ -13,6 +13,9 @@ GPS_EPOCH = 315_964_800_000_000_000
 VALID_UNTIL = int(np.datetime64("2027-06-28", "ns").astype(np.int64))
 """Up to then (ns since 1970, UTC) no leap second follows the last one of the table (IERS Bulletin C, July 2026)."""
 
+BEYOND_TABLE = "the table of leap seconds ends on 2027-06-28: its times may be a second off. Update Wheelprint"
+"""What is said of a log in GPS time that goes on after `VALID_UNTIL`."""
+
 LEAP_SECONDS = (
     ("1980-01-06", 0),
     ("1981-07-01", 1),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -11,17 +11,15 @@ import numpy as np
 import numpy.typing as npt
 
 from ...schemas.errors import InputError
-from ...schemas.signals import SIGNALS
-from ...schemas.times import iso_utc
 from ..account import Account
 from . import ncom_layout as layout
-from .leap_seconds import VALID_UNTIL
+from .leap_seconds import BEYOND_TABLE, VALID_UNTIL
 from .ncom_packets import NcomPackets, Scan, scan_packets
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from ..navigation import Origin
+    from ..navigation import Samples
 
 
 @dataclass(slots=True)
@@ -90,42 +88,17 @@ class Ncom:
         Raises:
             InputError: As of `packets`, or the time of no packet can be known.
         """
-        from ..navigation import longest_increasing, navigation_batch, origin_metadata
+        from ..navigation import navigation_batches
 
         scan = scan_packets(self.path, account)
         stamps = scan.stamps
         if not stamps.known.any():
             raise InputError(self.path, "", _why_no_time(scan))
         if stamps.utc_from == "leap second table" and stamps.time.max() >= VALID_UNTIL:
-            reason = (
-                "the log never tells UTC from GPS time (status channel 16), and the table of leap seconds ends on "
-                f"{iso_utc(VALID_UNTIL)[:10]}: its times may be a second off. Update Wheelprint"
-            )
+            reason = f"the log never tells UTC from GPS time (status channel 16), and {BEYOND_TABLE}"
             account.reject("", reason)
-        origin = _first_position(scan)
-        metadata = {"origin": origin_metadata(origin), "utc_from": stamps.utc_from}
-        accuracy = np.nan
-        last = int(np.iinfo(np.int64).min)
-        for first, packets in scan:
-            accuracies = _position_accuracy(packets, accuracy)
-            accuracy = float(accuracies[-1])
-            reasons = {
-                number - first: why for number, why in stamps.doubts.items() if 0 <= number - first < len(packets)
-            }
-            reasons |= _impossible_positions(packets)
-            usable = packets.time_known.copy()
-            usable[list(reasons)] = False
-            samples = np.flatnonzero(usable)
-            kept = longest_increasing(packets.time[samples], last)
-            reasons |= _out_of_order(packets.time, samples, kept, last)
-            for packet in sorted(reasons):
-                account.reject(f"byte {packets.offset[packet]}", reasons[packet])
-            account.accepted += len(packets) - len(reasons)
-            samples = samples[kept]
-            if len(samples):
-                last = int(packets.time[samples[-1]])
-                signals = _signals(packets, samples, origin) | {"position_accuracy": accuracies[samples]}
-                yield navigation_batch(packets.time[samples], signals, metadata)
+        metadata = {"utc_from": stamps.utc_from}
+        yield from navigation_batches(lambda _: _samples(scan), account, metadata, unit="byte", record="packet")
 
 
 def _why_no_time(scan: Scan) -> str:
@@ -143,43 +116,55 @@ def _why_no_time(scan: Scan) -> str:
     )
 
 
-def _is_valid(packets: NcomPackets) -> npt.NDArray[np.bool_]:
-    """Tell which packets hold a valid position, velocity and orientation, by their navigation status."""
-    return np.isin(packets.status, (layout.LOCKING, layout.LOCKED))
+def _samples(scan: Scan) -> Iterator[Samples]:
+    accuracy = np.nan
+    for first, packets in scan:
+        accuracies = position_accuracy(packets, accuracy)
+        accuracy = float(accuracies[-1])
+        doubts = {
+            number - first: why for number, why in scan.stamps.doubts.items() if 0 <= number - first < len(packets)
+        }
+        yield packet_samples(packets, accuracies, doubts)
 
 
-def _is_on_earth(packets: NcomPackets) -> npt.NDArray[np.bool_]:
-    altitude = SIGNALS["altitude"]
-    return (
-        (np.abs(packets.latitude) <= np.pi / 2)
-        & (np.abs(packets.longitude) <= np.pi)
-        & (packets.altitude >= altitude.minimum)
-        & (packets.altitude <= altitude.maximum)
-    )
+def packet_samples(packets: NcomPackets, accuracy: npt.NDArray[np.float64], doubts: Mapping[int, str]) -> Samples:
+    """Return packets as samples, with Wheelprint's axes and units.
 
+    Args:
+        packets: Of a file.
+        accuracy: (n,) m, of `position_accuracy`.
+        doubts: By number among these packets: why the time of one is not known or not believed.
+    """
+    from ..navigation import Samples, inertial_signals, is_on_earth
 
-def _impossible_positions(packets: NcomPackets) -> dict[int, str]:
-    return {
+    valid = np.isin(packets.status, (layout.LOCKING, layout.LOCKED))
+
+    def where_valid(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        return np.where(valid if values.ndim == 1 else valid[:, None], values, np.nan)
+
+    with np.errstate(over="ignore"):  # Of damaged positions.
+        latitude, longitude = np.degrees(packets.latitude), np.degrees(packets.longitude)
+    impossible = {
         packet: (
             f"latitude {packets.latitude[packet]:.9g} rad, longitude {packets.longitude[packet]:.9g} rad, altitude "
             f"{packets.altitude[packet]:.9g} m is nowhere on earth; the packet is damaged"
         )
-        for packet in np.flatnonzero(_is_valid(packets) & ~_is_on_earth(packets)).tolist()
+        for packet in np.flatnonzero(valid & ~is_on_earth(latitude, longitude, packets.altitude)).tolist()
     }
+    signals = inertial_signals(
+        latitude=where_valid(latitude),
+        longitude=where_valid(longitude),
+        altitude=where_valid(packets.altitude),
+        velocity=where_valid(packets.velocity[:, :2]),
+        orientation=where_valid(packets.orientation),
+        specific_force=packets.acceleration,
+        yaw_rate=packets.angular_rate[:, 2],
+    )
+    signals |= {"nav_status": packets.status, "position_accuracy": accuracy}
+    return Samples(packets.offset, packets.time, packets.time_known, signals, {**doubts, **impossible})
 
 
-def _first_position(scan: Scan) -> Origin | None:
-    from ..navigation import Origin
-
-    for _, packets in scan:
-        found = np.flatnonzero(packets.time_known & _is_valid(packets) & _is_on_earth(packets))
-        if len(found):
-            latitude, longitude = packets.latitude[found[0]], packets.longitude[found[0]]
-            return Origin(float(np.degrees(latitude)), float(np.degrees(longitude)), float(packets.altitude[found[0]]))
-    return None
-
-
-def _position_accuracy(packets: NcomPackets, held: float) -> npt.NDArray[np.float64]:
+def position_accuracy(packets: NcomPackets, held: float) -> npt.NDArray[np.float64]:
     """Return for each packet the horizontal accuracy, m, that status channel 3 told last; `held` before the first."""
     telling = np.flatnonzero(
         layout.holds_channel(packets.status) & (packets.channel == layout.POSITION_ACCURACY_CHANNEL)
@@ -188,54 +173,3 @@ def _position_accuracy(packets: NcomPackets, held: float) -> npt.NDArray[np.floa
     deviations = batch[:, :4].view("<u2") * 1e-3
     told = np.where(batch[:, 6] < layout.TOO_OLD, np.hypot(deviations[:, 0], deviations[:, 1]), np.nan)
     return np.concatenate(([held], told))[np.searchsorted(telling, np.arange(len(packets)), "right")]
-
-
-def _out_of_order(
-    time: npt.NDArray[np.int64], samples: npt.NDArray[np.intp], kept: npt.NDArray[np.bool_], last: int
-) -> dict[int, str]:
-    """Say of each sample that was not kept why; `last` is the stamp of the last sample before these."""
-    reasons = {}
-    stamps = time[samples]
-    kept_stamps = stamps[kept]
-    for number in np.flatnonzero(~kept).tolist():
-        stamp = int(stamps[number])
-        place = int(np.searchsorted(kept_stamps, stamp))
-        if stamp == last or (place < len(kept_stamps) and kept_stamps[place] == stamp):
-            why = "is that of another packet; repeated in recording, the first one is kept"
-        else:
-            why = "is out of order with the packets around it; they changed places, or the clock was set"
-        reasons[int(samples[number])] = f"its time {iso_utc(stamp)} {why}"
-    return reasons
-
-
-def _signals(
-    packets: NcomPackets, samples: npt.NDArray[np.intp], origin: Origin | None
-) -> dict[str, npt.NDArray[np.generic]]:
-    """Return some packets' navigation signals, with Wheelprint's axes and units."""
-    from ..navigation import anticlockwise_from_east, horizontal_motion, local_position, remove_gravity
-
-    valid = _is_valid(packets)[samples]
-
-    def where_valid(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        return np.where(valid, values[samples], np.nan)
-
-    latitude, longitude = np.degrees(where_valid(packets.latitude)), np.degrees(where_valid(packets.longitude))
-    altitude = where_valid(packets.altitude)
-    speed, course = horizontal_motion(where_valid(packets.velocity[:, 0]), where_valid(packets.velocity[:, 1]))
-    heading, pitch, roll = (where_valid(angle) for angle in packets.orientation.T)
-    longitudinal, lateral = remove_gravity(packets.acceleration[samples], pitch, roll)
-    signals: dict[str, npt.NDArray[np.generic]] = {
-        "latitude": latitude,
-        "longitude": longitude,
-        "altitude": altitude,
-        "course": course,
-        "heading": anticlockwise_from_east(np.degrees(heading)),
-        "nav_speed": speed,
-        "nav_yaw_rate": -np.degrees(packets.angular_rate[samples, 2]),
-        "nav_longitudinal_acceleration": longitudinal,
-        "nav_lateral_acceleration": lateral,
-        "nav_status": packets.status[samples],
-    }
-    if origin is not None:
-        signals["x"], signals["y"] = local_position(latitude, longitude, altitude, origin)
-    return signals

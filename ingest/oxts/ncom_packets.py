@@ -171,6 +171,16 @@ def _decode(
         raw = data[offset[0] : offset[-1] + layout.LENGTH].reshape(-1, layout.LENGTH)
     else:
         raw = data[offset[:, None] + np.arange(layout.LENGTH)]
+    return decode_packets(raw, offset, time, time_known)
+
+
+def decode_packets(
+    raw: npt.NDArray[np.uint8],
+    offset: npt.NDArray[np.int64],
+    time: npt.NDArray[np.int64],
+    time_known: npt.NDArray[np.bool_],
+) -> NcomPackets:
+    """Return the fields of packets (n, 72) whose checksum 3 is right, with offsets and times as given."""
     fields = raw.view(layout.PACKET)[:, 0]
     with np.errstate(invalid="ignore"):  # A signalling NaN among damaged altitudes is just another NaN.
         altitude = fields["altitude"].astype(np.float64)

@@ -249,6 +249,10 @@ def test_monsters_are_refused_before_they_take_the_memory(tmp_path: Path, text: 
             "message X (0x00C): signal S has a scale or offset beyond 1e+300. It is left out",
         ),
         (
+            ' SG_ S : -3|8@0+ (1,0) [0|0] "" CAR\n',
+            "message X (0x00C): signal S has 8 bits from bit -3. It is left out",
+        ),
+        (
             ' SG_ F : 0|24@1- (1,0) [0|0] "" CAR\nSIG_VALTYPE_ 12 F : 1;\n',
             "message X (0x00C): signal F is a float of 24 bits, where 16, 32 and 64 exist. It is left out",
         ),

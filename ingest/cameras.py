@@ -1,0 +1,187 @@
+"""When a camera's frames were taken, from what lies beside them; the frames themselves stay where they are."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta, timezone
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pyarrow as pa
+
+from ..schemas.errors import InputError
+from ..schemas.tables import TIME, field
+from .account import Account
+from .content import blocks, head
+from .mcap_container import Topic, is_mcap, messages
+from .ros_messages import decode_cdr
+
+FRAME_INDEX = pa.schema(
+    [
+        field("time", TIME, "", "when the frame was taken"),
+        field("camera", pa.string(), "", "topic of an MCAP file, else empty"),
+        field("path", pa.string(), "", "image file, relative to the index or its folder; null where not known"),
+        field("offset", pa.int64(), "", "byte of the MCAP record, or of the chunk that holds it; null elsewhere"),
+    ]
+)
+"""A camera's frames in the order of time."""
+
+IMAGES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp"})
+TIME_COLUMNS = ("time", "timestamp", "stamp", "timestamp_ns", "time_ns", "#timestamp", "#timestamp [ns]", "utc")
+PATH_COLUMNS = ("path", "file", "filename", "file_name", "image", "frame_path")
+FRAME_COLUMNS = (*PATH_COLUMNS, "frame", "frame_id", "frame_number")
+LONGEST_LINE = 10_000
+LATEST = np.iinfo(np.int64).max
+
+_COUNT = re.compile(r"(?<![\d.])(?:(\d{19})|(\d{16})|(\d{13})|(\d{10})(?:\.(\d{1,9})|[_-](\d{9}|\d{6}))?)(?!\d)")
+_DATE = re.compile(
+    r"(?<!\d)(\d{4})([-_]?)(\d\d)\2(\d\d)[T _-]?(\d\d)([:_-]?)(\d\d)\6(\d\d)(?:[.,](\d{1,9})|[_-]?(\d{3}|\d{6}|\d{9}))?"
+    r"(?!\d)(?:(Z)|([+-]\d\d):?(\d\d))?"
+)
+
+
+def stamp_in(text: str) -> int:
+    """Return the stamp that stands in a text, ns since 1970, UTC.
+
+    Either a count since 1970 (10 digits are seconds, with a fraction after a point, or of 6 or 9 digits after `_` or
+    `-`; 13 ms; 16 µs; 19 ns) or date and time of day to the second at least, in ISO 8601 or with other separators or
+    none; without a zone it is taken as UTC.
+
+    Raises:
+        ValueError: There is none.
+    """
+    if count := _COUNT.search(text):
+        nanoseconds, microseconds, milliseconds, seconds, *fractions = count.groups()
+        fraction = next((digits for digits in fractions if digits), "")
+        whole = nanoseconds or microseconds or milliseconds or seconds + fraction
+        stamp = int(whole.ljust(19, "0"))
+        if stamp <= LATEST:
+            return stamp
+    elif date := _DATE.search(text):
+        year, _, month, day, hour, _, minute, second, fraction, joined, _, zone, zone_minutes = date.groups()
+        offset = timedelta(hours=int(zone), minutes=int(zone[0] + zone_minutes)) if zone else timedelta()
+        zoned = timezone(offset)
+        moment = datetime(int(year), int(month), int(day), int(hour), int(minute), int(second), tzinfo=zoned)
+        stamp = (moment - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(seconds=1) * 1_000_000_000
+        if 0 <= stamp <= LATEST - 10**9:
+            return stamp + int((fraction or joined or "").ljust(9, "0"))
+    raise ValueError(
+        "expected a stamp since 1970 of 10 (s), 13 (ms), 16 (µs) or 19 (ns) digits, or date and time to the second"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class CameraIndex:
+    """The frames of a camera: a CSV with their times, a folder of images named by them, or an MCAP file.
+
+    A CSV has a header with a column of times (`time`, `timestamp`, `stamp`, `utc`...) and, where there are files, one
+    of their paths (`path`, `file`, `filename`, `image`...); or no header and the time first. It is separated by
+    commas, semicolons or tabs. In MCAP every message whose schema is a `CompressedImage` is a frame; its stamp is the
+    header's (CDR), otherwise when it was logged.
+
+    Attributes:
+        path: File or folder.
+    """
+
+    format: ClassVar[str] = "camera"
+    kind: ClassVar[str] = "camera"
+
+    path: Path
+
+    @staticmethod
+    def sniff(head: bytes) -> bool:
+        """Tell whether the first line of `head` names a column of times and one of images or frames, and no others.
+
+        Folders and MCAP files are not recognised by this: they have no first bytes, or hold other things too.
+        """
+        line = head.partition(b"\n")[0].decode("utf-8-sig", "replace").strip()
+        names = {name.strip().lower() for name in re.split("[,;\t]", line)}
+        return bool(names & set(TIME_COLUMNS)) and bool(names & set(FRAME_COLUMNS)) and len(names) <= 4
+
+    def frames(self, account: Account) -> pa.Table:
+        """Return the frames in the order of time, in the schema `FRAME_INDEX`, and count them in `account`.
+
+        Raises:
+            InputError: There is no such file or folder, it cannot be read, or a header has no column of times.
+        """
+        if self.path.is_dir():
+            found = self._in_folder(account)
+        elif is_mcap(head(self.path)):
+            found = self._in_mcap(account)
+        else:
+            found = self._in_csv(account)
+        rows = sorted(found, key=lambda row: row[0])
+        account.accepted += len(rows)
+        columns = list(zip(*rows, strict=True)) or [()] * len(FRAME_INDEX)
+        arrays = [pa.array(column, kind.type) for column, kind in zip(columns, FRAME_INDEX, strict=True)]
+        return pa.Table.from_arrays(arrays, schema=FRAME_INDEX)
+
+    def _in_folder(self, account: Account) -> Iterator[tuple[int, str, str | None, int | None]]:
+        for path in sorted(self.path.iterdir()):
+            if path.suffix.lower() in IMAGES:
+                try:
+                    yield stamp_in(path.stem), "", path.name, None
+                except ValueError as error:
+                    account.reject(path.name, f"{error}; in the image's name")
+
+    def _in_mcap(self, account: Account) -> Iterator[tuple[int, str, str | None, int | None]]:
+        def is_image(topic: Topic) -> bool:
+            return topic.schema.rpartition("/")[2].rpartition(".")[2] == "CompressedImage"
+
+        for message in messages(self.path, account, is_image):
+            time = 0
+            if message.topic.encoding == "cdr":
+                try:
+                    time, _ = decode_cdr("sensor_msgs/msg/CompressedImage", message.data)
+                except ValueError as error:
+                    account.reject(message.where, str(error))
+                    continue
+            time = time or message.time
+            if 0 <= time <= LATEST:
+                yield time, message.topic.name, None, message.offset
+            else:
+                account.reject(message.where, "its time is not within the years 1970 to 2262")
+
+    def _in_csv(self, account: Account) -> Iterator[tuple[int, str, str | None, int | None]]:
+        time_column, path_column, separator = 0, None, ","
+        for number, line in enumerate(self._lines(account), 1):
+            if not line.strip():
+                continue
+            if number == 1:
+                separator = next((mark for mark in ";\t," if mark in line), ",")
+            try:
+                cells = [cell.strip() for cell in next(csv.reader([line], delimiter=separator, strict=True))]
+            except csv.Error as error:
+                account.reject(f"line {number}", f"is no line of CSV ({error})")
+                continue
+            if number == 1 and not any(character.isdigit() for character in cells[0]):
+                names = [cell.lower() for cell in cells]
+                time_column = next((names.index(name) for name in TIME_COLUMNS if name in names), -1)
+                path_column = next((names.index(name) for name in PATH_COLUMNS if name in names), None)
+                if time_column < 0:
+                    expected = f"expected a column of times, one of {', '.join(TIME_COLUMNS)}; found {', '.join(cells)}"
+                    raise InputError(self.path, "line 1", f"{expected}. Name the column in the header")
+                continue
+            if number == 1 and len(cells) > 1 and Path(cells[1]).suffix.lower() in IMAGES:
+                path_column = 1
+            try:
+                stamp = stamp_in(cells[time_column] if time_column < len(cells) else "")
+            except ValueError as error:
+                account.reject(f"line {number}", f"{error}; found {line[:80]!r}")
+                continue
+            named = path_column is not None and path_column < len(cells)
+            yield stamp, "", (cells[path_column] or None) if named and path_column is not None else None, None
+
+    def _lines(self, account: Account) -> Iterator[str]:
+        carry = b""
+        for block in blocks(self.path, account):
+            *lines, carry = (carry + block).split(b"\n")
+            yield from (line[:LONGEST_LINE].decode("utf-8-sig", "replace") for line in lines)
+            # A line has no end in a file of another kind; enough of it is kept to reject it.
+            carry = carry[:LONGEST_LINE]
+        if carry:
+            yield carry.decode("utf-8-sig", "replace")
