@@ -105,7 +105,7 @@ def write_mcap(frames: list[Frame], folder: Path) -> Path:
         for frame in frames:
             content = {"id": frame.id, "is_extended": frame.extended, "data": list(frame.data)}
             writer.add_message(channel, frame.time, json.dumps(content).encode(), frame.time)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
     return path
 
 
