@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from ..schemas.signals import CAN_SIGNALS, NAV_SIGNALS, SIGNALS
 from ..schemas.store import read_table
@@ -54,11 +55,9 @@ def read_mapped(files: Sequence[Path], mapped: MappedSignal) -> SampledSignal | 
     Returns:
         The signal; None where no such frame was recorded.
     """
-    columns = ("time", "channel", "source", mapped.column)
-    table = pa.concat_tables(
-        (whole := read_table(file)).select([name for name in columns if name in whole.column_names])
-        .replace_schema_metadata() for file in files
-    )  # fmt: skip
+    wanted = ("time", "channel", "source", mapped.column)
+    columns = [name for name in wanted if name in pq.read_schema(files[0]).names]
+    table = pa.concat_tables(read_table(file, columns).replace_schema_metadata() for file in files)
     table, channel = _from_one(table, "channel", mapped.channel)
     source = None
     if "source" in table.column_names:
@@ -70,11 +69,13 @@ def read_mapped(files: Sequence[Path], mapped: MappedSignal) -> SampledSignal | 
 
 
 def _from_one(table: pa.Table, column: str, wanted: Any) -> tuple[pa.Table, Any]:
-    """Return the rows with one value in a column, and that value: the most frequent one where none is wanted."""
-    if wanted is None and len(table):
-        counts = pc.value_counts(table[column]).to_pylist()
+    """Return the rows with one value in a column, without that column; the most frequent one where none is wanted."""
+    counts = pc.value_counts(table[column]).to_pylist()
+    if wanted is None and counts:
         wanted = min(counts, key=lambda c: (-c["counts"], c["values"]))["values"]
-    return table.filter(pc.equal(table[column], wanted)), wanted
+    if [count["values"] for count in counts] != [wanted]:
+        table = table.filter(pc.equal(table[column], wanted))
+    return table.drop_columns([column]), wanted
 
 
 def read_navigation(navigation: pa.Table) -> dict[str, SampledSignal]:

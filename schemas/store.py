@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -66,14 +66,20 @@ def publish_table(path: Path, table: pa.Table) -> None:
         writer.write_table(table)
 
 
-def read_table(path: Path) -> pa.Table:
+def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
     """Read a Parquet file that Wheelprint wrote, its page checksums verified.
+
+    Args:
+        path: The file.
+        columns: What to read of it; None: all.
 
     Raises:
         InputError: The file is missing, damaged or not Parquet.
     """
     try:
-        return pq.read_table(path, partitioning=None, page_checksum_verification=True)
+        return pq.read_table(
+            path, columns=None if columns is None else list(columns), partitioning=None, page_checksum_verification=True
+        )
     except FileNotFoundError:
         raise InputError(path, "", "no such file; run the stage that writes it again") from None
     except (OSError, pa.ArrowInvalid) as error:
