@@ -23,7 +23,7 @@ from .mapping import MappedSignal, resolve
 from .navigation import merge_navigation
 from .plausibility import absent_sources, no_overlap, too_long, wrong_signs
 from .recording_logs import read_logs, recording_files
-from .synchronise import SampledSignal, read_mapped, read_navigation, synchronise
+from .synchronise import SampledSignal, StoredSignal, read_navigation, survey, synchronise
 
 
 def plan_conversion(project: Project) -> tuple[list[Task], list[InputError]]:
@@ -85,11 +85,11 @@ def convert_recording(
     folder = place.signals_folder(recording.driver, recording.name)
     logs = read_logs(project, recording, database, folder, config.nav.format)
     problems = logs.problems
-    sampled, signal_facts = _read_signals(logs.message_files, mapping, recording, problems)
+    stored, signal_facts = _survey_signals(logs.message_files, mapping, recording, problems)
     navigation = merge_navigation(logs.navigation) if logs.navigation else None
     nav_signals = read_navigation(navigation) if navigation is not None else {}
-    problems += absent_sources(recording, mapping, sampled, nav_signals)
-    clock = _clock(config, sampled, nav_signals)
+    problems += absent_sources(recording, mapping, stored, nav_signals)
+    clock = _clock(config, stored, nav_signals)
     entry: dict[str, Any] = {
         "driver": recording.driver,
         "inputs": logs.inputs,
@@ -100,12 +100,12 @@ def convert_recording(
         "clock": _clock_facts(clock),
         "origin": _origin(navigation),
     }
-    if mismatch := no_overlap(recording, sampled, nav_signals, clock) or too_long(recording, sampled, nav_signals):
+    if mismatch := no_overlap(recording, stored, nav_signals, clock) or too_long(recording, stored, nav_signals):
         return Outcome(entry, (*problems, mismatch))
-    if not sampled and not nav_signals:
+    if not stored and not nav_signals:
         return Outcome(entry, tuple(problems))
-    synced = synchronise(sampled, nav_signals, clock, config.sync.period, round(config.sync.max_gap * 1e9))
-    problems += wrong_signs(recording, synced, mapping, sampled, config.sync.rate)
+    synced = synchronise(stored, nav_signals, clock, config.sync.period, round(config.sync.max_gap * 1e9))
+    problems += wrong_signs(recording, synced, mapping, stored, config.sync.rate)
     metadata = {
         "driver": recording.driver,
         "recording": recording.name,
@@ -130,40 +130,41 @@ def _origin(navigation: pa.Table | None) -> dict[str, float] | None:
     return found
 
 
-def _read_signals(
+def _survey_signals(
     files: Mapping[str, list[Path]],
     mapping: Mapping[str, MappedSignal],
     recording: Recording,
     problems: list[InputError],
-) -> tuple[dict[str, SampledSignal], dict[str, Any]]:
-    sampled: dict[str, SampledSignal] = {}
+) -> tuple[dict[str, StoredSignal], dict[str, Any]]:
+    stored: dict[str, StoredSignal] = {}
     facts: dict[str, Any] = {}
     for canonical, mapped in mapping.items():
-        signal = read_mapped(files[mapped.message], mapped) if mapped.message in files else None
+        signal = survey(files[mapped.message], mapped) if mapped.message in files else None
         if signal is None:
             on = f" on channel {mapped.channel}" if mapped.channel else ""
             reason = f"the recording holds no frame of message {mapped.message}{on}, which {canonical} is mapped to"
             problems.append(InputError(recording.folder, f"can.signals.{canonical}", reason))
             continue
         if signal.out_of_range:
-            reason = f"{signal.out_of_range} of {len(signal.time)} samples lie outside the signal's range and are null"
+            reason = f"{signal.out_of_range} of {signal.samples} samples lie outside the signal's range and are null"
             problems.append(InputError(recording.folder, f"can.signals.{canonical}", reason))
-        sampled[canonical] = signal
+        stored[canonical] = signal
         facts[canonical] = asdict(replace(mapped, channel=signal.channel, source=signal.source)) | {
-            "samples": len(signal.time),
+            "samples": signal.samples,
             "out_of_range": signal.out_of_range,
         }
-    return sampled, facts
+    return stored, facts
 
 
-def _clock(config: Config, can: Mapping[str, SampledSignal], nav: Mapping[str, SampledSignal]) -> ClockEstimate:
+def _clock(config: Config, can: Mapping[str, StoredSignal], nav: Mapping[str, SampledSignal]) -> ClockEstimate:
     if config.sync.clock == "trust":
         return ClockEstimate.trusted("the project file says that the CAN clock is UTC")
     if not isinstance(config.sync.clock, str):
         return ClockEstimate.fixed(config.sync.clock, "the project file gives the offset")
-    nothing = SampledSignal(np.array([], np.int64), np.array([]), "", 0)
-    speed, nav_speed = can.get("speed", nothing), nav.get("nav_speed", nothing)
-    yaw, nav_yaw = can.get("yaw_rate"), nav.get("nav_yaw_rate")
+    nothing = SampledSignal(np.array([], np.int64), np.array([]))
+    speed = can["speed"].read() if "speed" in can else nothing
+    yaw = can["yaw_rate"].read() if "yaw_rate" in can else None
+    nav_speed, nav_yaw = nav.get("nav_speed", nothing), nav.get("nav_yaw_rate")
     return estimate_clock(
         speed.time,
         speed.values,

@@ -14,7 +14,7 @@ from ..schemas.units import factor as unit_factor
 from .clock import ClockEstimate
 from .mapping import MappedSignal
 from .signs import reversed_signals
-from .synchronise import SampledSignal
+from .synchronise import SampledSignal, StoredSignal
 
 DAY = 86_400_000_000_000
 
@@ -25,7 +25,7 @@ LONGEST_RECORDING = 7 * DAY
 def absent_sources(
     recording: Recording,
     mapping: Mapping[str, MappedSignal],
-    sampled: Mapping[str, SampledSignal],
+    stored: Mapping[str, StoredSignal],
     navigation: Mapping[str, SampledSignal],
 ) -> list[InputError]:
     """Return a problem for each of the two sources, CAN and navigation, that a recording lacks."""
@@ -33,7 +33,7 @@ def absent_sources(
     if "x" not in navigation:
         reason = "no navigation with a valid position; without it there is no path, and no dataset, from this recording"
         problems.append(InputError(recording.folder, "", reason))
-    if not sampled and mapping:
+    if not stored and mapping:
         reason = "no CAN log with a mapped signal; without it there is no steering, and no dataset, from this recording"
         problems.append(InputError(recording.folder, "", reason))
     return problems
@@ -43,11 +43,11 @@ def wrong_signs(
     recording: Recording,
     synced: pa.Table,
     mapping: Mapping[str, MappedSignal],
-    sampled: Mapping[str, SampledSignal],
+    stored: Mapping[str, StoredSignal],
     rate: float,
 ) -> list[InputError]:
     """Return a problem for each mapped signal that goes against navigation, with the line that mends it."""
-    names = [name for name in synced.column_names if name in sampled or name in ("nav_speed", "nav_yaw_rate")]
+    names = [name for name in synced.column_names if name in stored or name in ("nav_speed", "nav_yaw_rate")]
     signals = {name: synced[name].cast(pa.float64()).to_numpy() for name in names}
     problems = []
     for name, (what, correlation) in reversed_signals(signals, rate).items():
@@ -65,14 +65,14 @@ def wrong_signs(
 
 
 def no_overlap(
-    recording: Recording, can: Mapping[str, SampledSignal], nav: Mapping[str, SampledSignal], clock: ClockEstimate
+    recording: Recording, can: Mapping[str, StoredSignal], nav: Mapping[str, SampledSignal], clock: ClockEstimate
 ) -> InputError | None:
     """Return a problem where CAN, brought to UTC, and navigation have no time in common."""
     if not can or not nav:
         return None
     shift = round(clock.offset_s * 1e9)
-    can_start = min(int(signal.time.min()) for signal in can.values()) - shift
-    can_stop = max(int(signal.time.max()) for signal in can.values()) - shift
+    can_start = min(signal.start for signal in can.values()) - shift
+    can_stop = max(signal.stop for signal in can.values()) - shift
     nav_start = min(int(signal.time.min()) for signal in nav.values())
     nav_stop = max(int(signal.time.max()) for signal in nav.values())
     if can_start < nav_stop and nav_start < can_stop:
@@ -86,12 +86,14 @@ def no_overlap(
 
 
 def too_long(
-    recording: Recording, can: Mapping[str, SampledSignal], nav: Mapping[str, SampledSignal]
+    recording: Recording, can: Mapping[str, StoredSignal], nav: Mapping[str, SampledSignal]
 ) -> InputError | None:
     """Refuse stamps that no drive has: one frame stamped 1970 would ask for a grid of decades."""
-    for source, signals in (("the CAN log", can), ("navigation", nav)):
-        start = min((int(signal.time.min()) for signal in signals.values()), default=0)
-        stop = max((int(signal.time.max()) for signal in signals.values()), default=0)
+    of_can = [(signal.start, signal.stop) for signal in can.values()]
+    of_navigation = [(int(signal.time.min()), int(signal.time.max())) for signal in nav.values()]
+    for source, spans in (("the CAN log", of_can), ("navigation", of_navigation)):
+        start = min((first for first, _ in spans), default=0)
+        stop = max((last for _, last in spans), default=0)
         if stop - start > LONGEST_RECORDING:
             reason = (
                 f"{source} goes from {iso_utc(start)} to {iso_utc(stop)}, longer than a recording can be "

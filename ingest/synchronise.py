@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from ..schemas.signals import CAN_SIGNALS, NAV_SIGNALS, SIGNALS
-from ..schemas.store import read_table
+from ..schemas.store import read_batches
 from ..schemas.tables import SYNCED
 from .clock import ClockEstimate, to_utc
 from .mapping import MappedSignal
@@ -34,20 +33,58 @@ class SampledSignal:
     Attributes:
         time: int64 (n,), ns.
         values: float64 (n,), in the stored unit; NaN where missing.
-        channel: The bus it came from; empty for navigation.
-        out_of_range: Samples set to missing because they lie outside the signal's range.
-        source: J1939 address of the sender; None where it is not J1939's.
     """
 
     time: Times
     values: Values
+
+
+@dataclass(frozen=True, slots=True)
+class StoredSignal:
+    """A mapped signal in the signal files of its message; hours of all of them at once would fill the memory.
+
+    Attributes:
+        mapped: Where it comes from.
+        files: One for each log.
+        channel: The bus it is taken from.
+        source: J1939 address of the sender; None where it is not J1939's.
+        samples: How many frames carried it.
+        out_of_range: Samples that lie outside the signal's range and are missing.
+        start: First stamp, ns.
+        stop: Last stamp, ns.
+    """
+
+    mapped: MappedSignal
+    files: tuple[Path, ...]
     channel: str
+    source: int | None
+    samples: int
     out_of_range: int
-    source: int | None = None
+    start: int
+    stop: int
+
+    def read(self) -> SampledSignal:
+        """Read the samples in the order of the logs; values outside the signal's range are missing."""
+        parts = [
+            (time, values)
+            for channel, source, time, values in _parts(self.files, self.mapped)
+            if (channel, source) == (self.channel, self.source)
+        ]
+        time, values = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+        values[_outside(self.mapped.canonical, values)] = np.nan
+        return SampledSignal(time, values)
 
 
-def read_mapped(files: Sequence[Path], mapped: MappedSignal) -> SampledSignal | None:
-    """Read a mapped signal from the signal files of its message, one for each log.
+@dataclass(slots=True)
+class _Tally:
+    samples: int
+    out_of_range: int
+    start: int
+    stop: int
+
+
+def survey(files: Sequence[Path], mapped: MappedSignal) -> StoredSignal | None:
+    """Find a mapped signal in the signal files of its message, one for each log.
 
     Where several buses carry the message, or several senders in J1939, and the mapping names none, the one with most
     frames is taken.
@@ -55,41 +92,78 @@ def read_mapped(files: Sequence[Path], mapped: MappedSignal) -> SampledSignal | 
     Returns:
         The signal; None where no such frame was recorded.
     """
-    wanted = ("time", "channel", "source", mapped.column)
-    columns = [name for name in wanted if name in pq.read_schema(files[0]).names]
-    table = pa.concat_tables(read_table(file, columns).replace_schema_metadata() for file in files)
-    table, channel = _from_one(table, "channel", mapped.channel)
-    source = None
-    if "source" in table.column_names:
-        table, source = _from_one(table, "source", mapped.source)
-    if len(table) == 0:
+    tallies: dict[tuple[str, int | None], _Tally] = {}
+    for channel, source, time, values in _parts(files, mapped):
+        out_of_range = int(np.count_nonzero(_outside(mapped.canonical, values)))
+        first, last = int(time.min()), int(time.max())
+        tally = tallies.setdefault((channel, source), _Tally(0, 0, first, last))
+        tally.samples += len(time)
+        tally.out_of_range += out_of_range
+        tally.start, tally.stop = min(tally.start, first), max(tally.stop, last)
+    if not tallies:
         return None
-    values = table[mapped.column].cast(pa.float64(), safe=False).to_numpy() * mapped.factor
-    return replace(_in_range(mapped.canonical, _nanoseconds(table), values, str(channel)), source=source)
+    per_channel: Counter[str] = Counter()
+    for (name, _), tally in tallies.items():
+        per_channel[name] += tally.samples
+    bus = min(per_channel, key=lambda name: (-per_channel[name], name))
+    of_bus = {source: tally for (name, source), tally in tallies.items() if name == bus}
+    sender = min(of_bus, key=lambda source: (-of_bus[source].samples, source or 0))
+    chosen = of_bus[sender]
+    return StoredSignal(
+        mapped, tuple(files), bus, sender, chosen.samples, chosen.out_of_range, chosen.start, chosen.stop
+    )
 
 
-def _from_one(table: pa.Table, column: str, wanted: Any) -> tuple[pa.Table, Any]:
-    """Return the rows with one value in a column, without that column; the most frequent one where none is wanted."""
-    counts = pc.value_counts(table[column]).to_pylist()
-    if wanted is None and counts:
-        wanted = min(counts, key=lambda c: (-c["counts"], c["values"]))["values"]
-    if [count["values"] for count in counts] != [wanted]:
-        table = table.filter(pc.equal(table[column], wanted))
-    return table.drop_columns([column]), wanted
+def _parts(files: Iterable[Path], mapped: MappedSignal) -> Iterator[tuple[str, int | None, Times, Values]]:
+    """Yield channel, source, stamps and values of the frames that the mapping allows, a piece of a file at a time."""
+    for file in files:
+        names = set(pq.read_schema(file).names)
+        wanted = [name for name in ("time", "channel", "source", mapped.column) if name in names]
+        for batch in read_batches(file, wanted):
+            time = batch["time"].cast(pa.int64()).to_numpy()
+            values = batch[mapped.column].cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False) * mapped.factor
+            for channel, source, rows in _senders(batch):
+                if mapped.channel in (None, channel) and (mapped.source is None or mapped.source == source):
+                    yield channel, source, time[rows], values[rows]
+
+
+def _senders(batch: pa.RecordBatch) -> Iterator[tuple[str, int | None, slice | npt.NDArray[np.intp]]]:
+    """Yield each channel and source of a batch of frames with its rows."""
+    names = [name for name in ("channel", "source") if name in batch.schema.names]
+    codes = np.zeros(len(batch), np.int64)
+    values = []
+    for name in names:
+        column = batch[name]
+        column = column if pa.types.is_dictionary(column.type) else column.dictionary_encode()
+        values.append(column.dictionary.to_pylist())
+        codes = codes * len(values[-1]) + column.indices.to_numpy(zero_copy_only=False)
+    distinct = np.unique(codes)
+    for code in distinct.tolist():
+        rows = slice(None) if len(distinct) == 1 else np.flatnonzero(codes == code)
+        if "source" in names:
+            channel, source = divmod(code, len(values[-1]))
+            yield values[0][channel], values[-1][source], rows
+        else:
+            yield values[0][code], None, rows
+
+
+def _outside(canonical: str, values: Values) -> npt.NDArray[np.bool_]:
+    return (values < SIGNALS[canonical].minimum) | (values > SIGNALS[canonical].maximum)
 
 
 def read_navigation(navigation: pa.Table) -> dict[str, SampledSignal]:
     """Return every navigation signal that has at least one value."""
-    time = _nanoseconds(navigation)
-    return {
-        name: _in_range(name, time, navigation[name].cast(pa.float64(), safe=False).to_numpy(), "")
-        for name in NAV_SIGNALS
-        if navigation[name].null_count < len(navigation)
-    }
+    time: Times = navigation["time"].cast(pa.int64()).to_numpy()
+    signals = {}
+    for name in NAV_SIGNALS:
+        if navigation[name].null_count < len(navigation):
+            values = navigation[name].cast(pa.float64(), safe=False).to_numpy()
+            signals[name] = SampledSignal(time, np.where(_outside(name, values), np.nan, values))
+    return signals
 
 
 def synchronise(
-    can: Mapping[str, SampledSignal],
+    can: Mapping[str, StoredSignal],
     navigation: Mapping[str, SampledSignal],
     clock: ClockEstimate,
     period: int,
@@ -109,17 +183,15 @@ def synchronise(
         in which every core signal that the recording has (steering wheel angle, both speeds' sources, position) is
         there, and is null in between.
     """
-    sources = {name: (to_utc(s.time, clock), s.values) for name, s in can.items()}
-    sources |= {name: (s.time, s.values) for name, s in navigation.items()}
-    grid_time = grid(
-        min(int(time.min()) for time, _ in sources.values()),
-        max(int(time.max()) for time, _ in sources.values()) + 1,
-        period,
-    )
-    on_grid = {
-        name: resample(time, values, grid_time, SIGNALS[name].resampling, max_gap, period)
-        for name, (time, values) in sources.items()
-    }
+    can_stamps = [stamp for signal in can.values() for stamp in (signal.start, signal.stop)]
+    stamps = [to_utc(np.array(can_stamps, np.int64), clock), *(signal.time for signal in navigation.values())]
+    stamps = [some for some in stamps if len(some)]
+    grid_time = grid(min(int(some.min()) for some in stamps), max(int(some.max()) for some in stamps) + 1, period)
+    on_grid: dict[str, Values] = {}
+    for name in (*can, *navigation):
+        signal = can[name].read() if name in can else navigation[name]
+        time = to_utc(signal.time, clock) if name in can else signal.time
+        on_grid[name] = resample(time, signal.values, grid_time, SIGNALS[name].resampling, max_gap, period)
     complete = np.ones(len(grid_time), bool)
     for name in CORE:
         if name in on_grid:
@@ -131,13 +203,3 @@ def synchronise(
         values = pa.array(on_grid.get(name, missing), pa.float64(), from_pandas=True)
         columns.append(values.cast(SYNCED.field(name).type, safe=False))
     return pa.Table.from_arrays(columns, schema=SYNCED)
-
-
-def _nanoseconds(table: pa.Table) -> Times:
-    time: Times = table["time"].cast(pa.int64()).to_numpy()
-    return time
-
-
-def _in_range(name: str, time: Times, values: Values, channel: str) -> SampledSignal:
-    outside = (values < SIGNALS[name].minimum) | (values > SIGNALS[name].maximum)
-    return SampledSignal(time, np.where(outside, np.nan, values), channel, int(np.count_nonzero(outside)))

@@ -76,10 +76,26 @@ def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
     Raises:
         InputError: The file is missing, damaged or not Parquet.
     """
-    try:
+    with _damage_told(path):
         return pq.read_table(
             path, columns=None if columns is None else list(columns), partitioning=None, page_checksum_verification=True
         )
+
+
+def read_batches(path: Path, columns: Sequence[str]) -> Iterator[pa.RecordBatch]:
+    """Yield some columns of a Parquet file that Wheelprint wrote piece by piece, its page checksums verified.
+
+    Raises:
+        InputError: The file is missing, damaged or not Parquet.
+    """
+    with _damage_told(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
+        yield from file.iter_batches(columns=list(columns))
+
+
+@contextmanager
+def _damage_told(path: Path) -> Iterator[None]:
+    try:
+        yield
     except FileNotFoundError:
         raise InputError(path, "", "no such file; run the stage that writes it again") from None
     except (OSError, pa.ArrowInvalid) as error:
