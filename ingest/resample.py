@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 import numpy.typing as npt
 
@@ -43,15 +45,65 @@ def resample(
         (n_grid,) values.
     """
     time, samples = _in_order(time, np.asarray(values, np.float64))
-    if len(time) == 0:
+    if method == "mean" and not _is_dense(time, period):
+        method = "linear"
+    return _to_grid(time, samples, grid_time, method, max_gap, period)
+
+
+def resample_pieces(
+    pieces: Iterable[tuple[Times, Values]],
+    grid_time: Times,
+    method: Resampling,
+    max_gap: int,
+    period: int,
+) -> Values:
+    """Bring a signal to a grid as `resample` does, piece by piece; more than two pieces are never in memory.
+
+    Args:
+        pieces: Stamps in ns and values, (n_samples,) each; no piece begins before the one before it ends. The first
+            one with two samples tells whether the samples are dense enough for `mean`.
+        grid_time: (n_grid,) times in ns, increasing.
+        method: As for `resample`.
+        max_gap: Longest gap that is bridged, ns.
+        period: Period of the grid, ns.
+
+    Returns:
+        (n_grid,) values.
+    """
+    result = np.full(len(grid_time), np.nan)
+    reach = max_gap + period
+    settled, decided = 0, method != "mean"
+    time, values = np.array([], np.int64), np.array([])
+    for new_time, new_values in pieces:
+        time, values = _in_order(np.concatenate((time, new_time)), np.concatenate((values, new_values)))
+        if not decided and len(time) > 1:
+            decided, method = True, "mean" if _is_dense(time, period) else "linear"
+        if decided and len(time):
+            stop = max(settled, int(np.searchsorted(grid_time, time[-1] - reach)))
+            result[settled:stop] = _to_grid(time, values, grid_time[settled:stop], method, max_gap, period)
+            settled = stop
+            if settled < len(grid_time):
+                kept = time >= grid_time[settled] - reach
+                time, values = time[kept], values[kept]
+    method = method if decided else "linear"
+    result[settled:] = _to_grid(time, values, grid_time[settled:], method, max_gap, period)
+    return result
+
+
+def _is_dense(time: Times, period: int) -> bool:
+    return len(time) > 1 and bool(np.mean(20 * np.diff(time) <= 11 * period) >= 0.5)
+
+
+def _to_grid(time: Times, values: Values, grid_time: Times, method: Resampling, max_gap: int, period: int) -> Values:
+    if len(time) == 0 or (method == "mean" and len(time) == 1):
         return np.full(len(grid_time), np.nan)
     if method == "hold":
         before = np.searchsorted(time, grid_time, "right") - 1
         held = (before >= 0) & (grid_time - time[before] <= max_gap)
-        return np.where(held, samples[before], np.nan)
-    if method == "mean" and len(time) > 1 and np.mean(20 * np.diff(time) <= 11 * period) >= 0.5:
-        return _average(time, samples, grid_time, max_gap, period)
-    return _interpolate(time, samples, grid_time, max_gap, circular=method == "angle")
+        return np.where(held, values[before], np.nan)
+    if method == "mean":
+        return _average(time, values, grid_time, max_gap, period)
+    return _interpolate(time, values, grid_time, max_gap, circular=method == "angle")
 
 
 def number_runs(complete: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:

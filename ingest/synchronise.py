@@ -17,7 +17,7 @@ from ..schemas.store import read_batches
 from ..schemas.tables import SYNCED
 from .clock import ClockEstimate, to_utc
 from .mapping import MappedSignal
-from .resample import grid, number_runs, resample
+from .resample import grid, number_runs, resample, resample_pieces
 
 Times = npt.NDArray[np.int64]
 Values = npt.NDArray[np.float64]
@@ -52,6 +52,7 @@ class StoredSignal:
         out_of_range: Samples that lie outside the signal's range and are missing.
         start: First stamp, ns.
         stop: Last stamp, ns.
+        in_order: Whether no piece of the files, as they are read, begins before the one before it ends.
     """
 
     mapped: MappedSignal
@@ -62,17 +63,18 @@ class StoredSignal:
     out_of_range: int
     start: int
     stop: int
+    in_order: bool
+
+    def pieces(self) -> Iterator[SampledSignal]:
+        """Yield the samples in the order of the logs; values outside the signal's range are missing."""
+        for channel, source, time, values in _pieces(self.files, self.mapped):
+            if (channel, source) == (self.channel, self.source):
+                yield SampledSignal(time, np.where(_outside(self.mapped.canonical, values), np.nan, values))
 
     def read(self) -> SampledSignal:
-        """Read the samples in the order of the logs; values outside the signal's range are missing."""
-        parts = [
-            (time, values)
-            for channel, source, time, values in _parts(self.files, self.mapped)
-            if (channel, source) == (self.channel, self.source)
-        ]
-        time, values = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-        values[_outside(self.mapped.canonical, values)] = np.nan
-        return SampledSignal(time, values)
+        """Read all samples in the order of the logs."""
+        pieces = list(self.pieces())
+        return SampledSignal(*(np.concatenate([getattr(p, name) for p in pieces]) for name in ("time", "values")))
 
 
 @dataclass(slots=True)
@@ -81,6 +83,7 @@ class _Tally:
     out_of_range: int
     start: int
     stop: int
+    in_order: bool
 
 
 def survey(files: Sequence[Path], mapped: MappedSignal) -> StoredSignal | None:
@@ -93,12 +96,13 @@ def survey(files: Sequence[Path], mapped: MappedSignal) -> StoredSignal | None:
         The signal; None where no such frame was recorded.
     """
     tallies: dict[tuple[str, int | None], _Tally] = {}
-    for channel, source, time, values in _parts(files, mapped):
+    for channel, source, time, values in _pieces(files, mapped):
         out_of_range = int(np.count_nonzero(_outside(mapped.canonical, values)))
         first, last = int(time.min()), int(time.max())
-        tally = tallies.setdefault((channel, source), _Tally(0, 0, first, last))
+        tally = tallies.setdefault((channel, source), _Tally(0, 0, first, first, in_order=True))
         tally.samples += len(time)
         tally.out_of_range += out_of_range
+        tally.in_order &= first >= tally.stop
         tally.start, tally.stop = min(tally.start, first), max(tally.stop, last)
     if not tallies:
         return None
@@ -110,11 +114,12 @@ def survey(files: Sequence[Path], mapped: MappedSignal) -> StoredSignal | None:
     sender = min(of_bus, key=lambda source: (-of_bus[source].samples, source or 0))
     chosen = of_bus[sender]
     return StoredSignal(
-        mapped, tuple(files), bus, sender, chosen.samples, chosen.out_of_range, chosen.start, chosen.stop
-    )
+        mapped, tuple(files), bus, sender, chosen.samples, chosen.out_of_range, chosen.start, chosen.stop,
+        chosen.in_order,
+    )  # fmt: skip
 
 
-def _parts(files: Iterable[Path], mapped: MappedSignal) -> Iterator[tuple[str, int | None, Times, Values]]:
+def _pieces(files: Iterable[Path], mapped: MappedSignal) -> Iterator[tuple[str, int | None, Times, Values]]:
     """Yield channel, source, stamps and values of the frames that the mapping allows, a piece of a file at a time."""
     for file in files:
         names = set(pq.read_schema(file).names)
@@ -188,10 +193,13 @@ def synchronise(
     stamps = [some for some in stamps if len(some)]
     grid_time = grid(min(int(some.min()) for some in stamps), max(int(some.max()) for some in stamps) + 1, period)
     on_grid: dict[str, Values] = {}
-    for name in (*can, *navigation):
-        signal = can[name].read() if name in can else navigation[name]
-        time = to_utc(signal.time, clock) if name in can else signal.time
-        on_grid[name] = resample(time, signal.values, grid_time, SIGNALS[name].resampling, max_gap, period)
+    for name, stored in can.items():
+        pieces = stored.pieces() if stored.in_order else (stored.read(),)
+        in_utc = ((to_utc(piece.time, clock), piece.values) for piece in pieces)
+        on_grid[name] = resample_pieces(in_utc, grid_time, SIGNALS[name].resampling, max_gap, period)
+    for name, signal in navigation.items():
+        method = SIGNALS[name].resampling
+        on_grid[name] = resample(signal.time, signal.values, grid_time, method, max_gap, period)
     complete = np.ones(len(grid_time), bool)
     for name in CORE:
         if name in on_grid:

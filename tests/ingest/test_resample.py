@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wheelprint.ingest.resample import grid, number_runs, resample
+from wheelprint.ingest.resample import grid, number_runs, resample, resample_pieces
 from wheelprint.schemas.signals import Resampling
 
 PERIOD = 100
@@ -198,3 +198,34 @@ def test_runs_are_numbered_in_order(complete: list[bool]) -> None:
     found = number_runs(np.array(complete, bool))
     assert found.dtype == np.int32
     assert found.tolist() == expected
+
+
+def in_pieces(time: npt.NDArray[np.int64], values: npt.NDArray[np.float64], cuts: list[int], method: Resampling,
+              grid_time: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:  # fmt: skip
+    places = np.searchsorted(time, sorted(cuts))
+    pieces = zip(np.split(time, places), np.split(values, places), strict=True)
+    return resample_pieces(pieces, grid_time, method, MAX_GAP, PERIOD)
+
+
+cuts = st.lists(st.integers(0, 2000), max_size=4)
+
+
+@given(recordings, st.sampled_from([method for method in METHODS if method != "mean"]), cuts)
+def test_pieces_give_what_the_whole_gives(
+    recording: list[tuple[int, float]], method: Resampling, cuts: list[int]
+) -> None:
+    time, values = arrays(sorted(recording, key=lambda sample: sample[0]))
+    grid_time = grid(0, 2100, PERIOD)
+    whole = resample(time, values, grid_time, method, MAX_GAP, PERIOD)
+    np.testing.assert_allclose(in_pieces(time, values, cuts, method, grid_time), whole, rtol=0, atol=1e-9)
+
+
+@given(st.lists(st.tuples(st.integers(1, 50), st.floats(-1000, 1000)), min_size=6, max_size=80), cuts)
+def test_pieces_of_a_dense_signal_give_its_averages(steps: list[tuple[int, float]], cuts: list[int]) -> None:
+    time = np.cumsum([step for step, _ in steps])
+    time[len(time) // 2 :] += MAX_GAP  # a gap
+    values = np.array([value for _, value in steps])
+    grid_time = grid(0, 4500, PERIOD)
+    whole = resample(time, values, grid_time, "mean", MAX_GAP, PERIOD)
+    averages = in_pieces(time, values, [cut for cut in cuts if cut > time[1]], "mean", grid_time)
+    np.testing.assert_allclose(averages, whole, rtol=0, atol=1e-9)
