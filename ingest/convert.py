@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 
 from .. import __version__
 from ..schemas.config import Config
@@ -20,10 +19,10 @@ from ..schemas.tasks import Outcome, Task
 from .can.database import Database, load_databases
 from .clock import ClockEstimate, estimate_clock
 from .mapping import MappedSignal, resolve
-from .navigation import merge_navigation
 from .plausibility import absent_sources, no_overlap, too_long, wrong_signs
 from .recording_logs import read_logs, recording_files
-from .synchronise import SampledSignal, StoredSignal, read_navigation, survey, synchronise
+from .stored_signals import NavigationSignal, SampledSignal, StoredSignal, find_mapped, find_navigation
+from .synchronise import synchronise
 
 
 def plan_conversion(project: Project) -> tuple[list[Task], list[InputError]]:
@@ -85,9 +84,8 @@ def convert_recording(
     folder = place.signals_folder(recording.driver, recording.name)
     logs = read_logs(project, recording, database, folder, config.nav.format)
     problems = logs.problems
-    stored, signal_facts = _survey_signals(logs.message_files, mapping, recording, problems)
-    navigation = merge_navigation(logs.navigation) if logs.navigation else None
-    nav_signals = read_navigation(navigation) if navigation is not None else {}
+    stored, signal_facts = _find_signals(logs.message_files, mapping, recording, problems)
+    nav_signals, origin = find_navigation(logs.navigation)
     problems += absent_sources(recording, mapping, stored, nav_signals)
     clock = _clock(config, stored, nav_signals)
     entry: dict[str, Any] = {
@@ -98,7 +96,7 @@ def convert_recording(
         "outputs": logs.outputs,
         "signals": signal_facts,
         "clock": _clock_facts(clock),
-        "origin": _origin(navigation),
+        "origin": None if origin is None else asdict(origin),
     }
     if mismatch := no_overlap(recording, stored, nav_signals, clock) or too_long(recording, stored, nav_signals):
         return Outcome(entry, (*problems, mismatch))
@@ -124,13 +122,7 @@ def convert_recording(
     return Outcome(entry, tuple(problems))
 
 
-def _origin(navigation: pa.Table | None) -> dict[str, float] | None:
-    origin = (navigation.schema.metadata or {}).get(b"origin") if navigation is not None else None
-    found: dict[str, float] | None = json.loads(origin) if origin else None
-    return found
-
-
-def _survey_signals(
+def _find_signals(
     files: Mapping[str, list[Path]],
     mapping: Mapping[str, MappedSignal],
     recording: Recording,
@@ -139,7 +131,7 @@ def _survey_signals(
     stored: dict[str, StoredSignal] = {}
     facts: dict[str, Any] = {}
     for canonical, mapped in mapping.items():
-        signal = survey(files[mapped.message], mapped) if mapped.message in files else None
+        signal = find_mapped(files[mapped.message], mapped) if mapped.message in files else None
         if signal is None:
             on = f" on channel {mapped.channel}" if mapped.channel else ""
             reason = f"the recording holds no frame of message {mapped.message}{on}, which {canonical} is mapped to"
@@ -156,7 +148,7 @@ def _survey_signals(
     return stored, facts
 
 
-def _clock(config: Config, can: Mapping[str, StoredSignal], nav: Mapping[str, SampledSignal]) -> ClockEstimate:
+def _clock(config: Config, can: Mapping[str, StoredSignal], nav: Mapping[str, NavigationSignal]) -> ClockEstimate:
     if config.sync.clock == "trust":
         return ClockEstimate.trusted("the project file says that the CAN clock is UTC")
     if not isinstance(config.sync.clock, str):
@@ -164,7 +156,8 @@ def _clock(config: Config, can: Mapping[str, StoredSignal], nav: Mapping[str, Sa
     nothing = SampledSignal(np.array([], np.int64), np.array([]))
     speed = can["speed"].read() if "speed" in can else nothing
     yaw = can["yaw_rate"].read() if "yaw_rate" in can else None
-    nav_speed, nav_yaw = nav.get("nav_speed", nothing), nav.get("nav_yaw_rate")
+    nav_speed = nav["nav_speed"].read() if "nav_speed" in nav else nothing
+    nav_yaw = nav["nav_yaw_rate"].read() if "nav_yaw_rate" in nav else None
     return estimate_clock(
         speed.time,
         speed.values,

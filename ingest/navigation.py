@@ -329,7 +329,8 @@ def merge_navigation(tables: Sequence[pa.Table]) -> pa.Table:
     """Join the navigation logs of one recording.
 
     Args:
-        tables: One or more tables in the schema `NAVIGATION`, each in order of time, each with its own origin.
+        tables: One or more tables of columns of the schema `NAVIGATION`, with `time` at least, and where there is
+            `x` or `y` both and the three of the position; each in order of time, each with its own origin.
 
     Returns:
         One table in order of time; `x` and `y` are metres from the origin of the log that begins first (of those that
@@ -341,7 +342,7 @@ def merge_navigation(tables: Sequence[pa.Table]) -> pa.Table:
     origins = [json.loads((table.schema.metadata or {}).get(b"origin", b"null")) for table in tables]
     found = next((origin for origin in origins if origin is not None), None)
     joined = pa.concat_tables([table.replace_schema_metadata() for table in tables])
-    if found is not None:
+    if found is not None and "x" in joined.column_names:
         latitude, longitude, altitude = (joined[name].to_numpy() for name in ("latitude", "longitude", "altitude"))
         position = local_position(latitude, longitude, altitude, Origin(**found))
         for name, values in zip("xy", position, strict=True):

@@ -14,7 +14,7 @@ from ..schemas.units import factor as unit_factor
 from .clock import ClockEstimate
 from .mapping import MappedSignal
 from .signs import reversed_signals
-from .synchronise import SampledSignal, StoredSignal
+from .stored_signals import Signal, StoredSignal
 
 DAY = 86_400_000_000_000
 
@@ -26,7 +26,7 @@ def absent_sources(
     recording: Recording,
     mapping: Mapping[str, MappedSignal],
     stored: Mapping[str, StoredSignal],
-    navigation: Mapping[str, SampledSignal],
+    navigation: Mapping[str, Signal],
 ) -> list[InputError]:
     """Return a problem for each of the two sources, CAN and navigation, that a recording lacks."""
     problems = []
@@ -65,7 +65,7 @@ def wrong_signs(
 
 
 def no_overlap(
-    recording: Recording, can: Mapping[str, StoredSignal], nav: Mapping[str, SampledSignal], clock: ClockEstimate
+    recording: Recording, can: Mapping[str, StoredSignal], nav: Mapping[str, Signal], clock: ClockEstimate
 ) -> InputError | None:
     """Return a problem where CAN, brought to UTC, and navigation have no time in common."""
     if not can or not nav:
@@ -73,8 +73,8 @@ def no_overlap(
     shift = round(clock.offset_s * 1e9)
     can_start = min(signal.start for signal in can.values()) - shift
     can_stop = max(signal.stop for signal in can.values()) - shift
-    nav_start = min(int(signal.time.min()) for signal in nav.values())
-    nav_stop = max(int(signal.time.max()) for signal in nav.values())
+    nav_start = min(signal.start for signal in nav.values())
+    nav_stop = max(signal.stop for signal in nav.values())
     if can_start < nav_stop and nav_start < can_stop:
         return None
     reason = (
@@ -85,15 +85,12 @@ def no_overlap(
     return InputError(recording.folder, "", reason)
 
 
-def too_long(
-    recording: Recording, can: Mapping[str, StoredSignal], nav: Mapping[str, SampledSignal]
-) -> InputError | None:
+def too_long(recording: Recording, can: Mapping[str, StoredSignal], nav: Mapping[str, Signal]) -> InputError | None:
     """Refuse stamps that no drive has: one frame stamped 1970 would ask for a grid of decades."""
-    of_can = [(signal.start, signal.stop) for signal in can.values()]
-    of_navigation = [(int(signal.time.min()), int(signal.time.max())) for signal in nav.values()]
-    for source, spans in (("the CAN log", of_can), ("navigation", of_navigation)):
-        start = min((first for first, _ in spans), default=0)
-        stop = max((last for _, last in spans), default=0)
+    sources: tuple[tuple[str, Mapping[str, Signal]], ...] = (("the CAN log", can), ("navigation", nav))
+    for source, signals in sources:
+        start = min((signal.start for signal in signals.values()), default=0)
+        stop = max((signal.stop for signal in signals.values()), default=0)
         if stop - start > LONGEST_RECORDING:
             reason = (
                 f"{source} goes from {iso_utc(start)} to {iso_utc(stop)}, longer than a recording can be "

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any, cast
 
-import pyarrow as pa
-
 from ..schemas.errors import InputError
 from ..schemas.project import Recording
-from ..schemas.store import describe_output, fingerprint, publish_table, sha256
+from ..schemas.store import describe_output, fingerprint, parquet_writer, publish, sha256
 from ..schemas.times import iso_utc
 from .account import Account
 from .can.database import Database
@@ -47,7 +46,7 @@ class RawLogs:
     outputs: list[dict[str, Any]] = field(default_factory=list)
     problems: list[InputError] = field(default_factory=list)
     message_files: dict[str, list[Path]] = field(default_factory=dict)
-    navigation: list[pa.Table] = field(default_factory=list)
+    navigation: list[Path] = field(default_factory=list)
 
 
 def read_logs(project: Path, recording: Recording, database: Database, folder: Path, nav_format: str) -> RawLogs:
@@ -103,16 +102,22 @@ def _read_can(
 def _read_nav(
     project: Path, reader: Reader, account: Account, folder: Path, name: str, logs: RawLogs
 ) -> tuple[dict[str, Any], Span]:
-    batches = list(cast("NavigationReader", reader).batches(account))
-    if not batches:
+    batches = cast("NavigationReader", reader).batches(account)
+    begun = next(batches, None)
+    if begun is None:
         return {"samples": 0}, (None, None)
-    table = pa.Table.from_batches(batches)
     file = signal_file(folder, name, "navigation")
-    publish_table(file, table)
-    logs.outputs.append(describe_output(project, file, rows=len(table)))
-    logs.navigation.append(table)
-    time = table["time"].cast(pa.int64()).to_numpy()
-    return {"samples": len(time)}, (int(time[0]), int(time[-1])) if len(time) else (None, None)
+    samples, start, stop = 0, None, None
+    with publish(file) as draft, parquet_writer(draft, begun.schema) as writer:
+        for batch in chain((begun,), batches):
+            writer.write_batch(batch)
+            if len(batch):
+                samples += len(batch)
+                start = batch["time"][0].value if start is None else start
+                stop = batch["time"][-1].value
+    logs.outputs.append(describe_output(project, file, rows=samples))
+    logs.navigation.append(file)
+    return {"samples": samples}, (start, stop)
 
 
 def _input_facts(recording: Recording, path: Path, reader: Reader, account: Account, span: Span) -> dict[str, Any]:

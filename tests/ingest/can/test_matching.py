@@ -15,7 +15,7 @@ from wheelprint.ingest.can.decode import decode, message_schema, split_by_messag
 from wheelprint.ingest.can.frames import FrameBatch
 from wheelprint.ingest.can.matching import find_messages, is_addressed, parameter_group
 from wheelprint.ingest.mapping import resolve
-from wheelprint.ingest.synchronise import survey
+from wheelprint.ingest.stored_signals import find_mapped
 from wheelprint.schemas.config import Can, DatabaseFile
 from wheelprint.schemas.errors import InputError
 
@@ -274,7 +274,7 @@ def test_a_mapped_signal_comes_from_one_sender(
     can = Can.model_validate({"signals": {"speed": {"signal": "EEC1.S", "source": wanted}}})
     mapping, problems = resolve(can, database, tmp_path / "wheelprint.toml")
     assert problems == []
-    signal = survey([tmp_path / "a.parquet"], mapping["speed"])
+    signal = find_mapped([tmp_path / "a.parquet"], mapping["speed"])
     assert (None if signal is None else signal.read().values.tolist()) == expected
     assert (None if signal is None else signal.source) == source
 
