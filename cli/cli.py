@@ -74,11 +74,17 @@ def _through_pipeline(
 
 @app.command()
 def inspect(
-    files: Annotated[list[Path], typer.Argument(help="Raw logs: CAN or navigation.", show_default=False)],
-    database: Annotated[list[str] | None, typer.Option("--database", help="Database that should know the ids.")] = None,
+    files: Annotated[
+        list[Path],
+        typer.Argument(help="Raw logs: CAN, navigation, cameras; or folders of them.", show_default=False),
+    ],
+    database: Annotated[
+        list[str] | None,
+        typer.Option("--database", help="Database that names messages; default: those of ./wheelprint.toml."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Show what raw logs hold: format, time span, messages with count and rate, navigation status."""
+    """Show what raw logs hold: time span, messages, rates, gaps, navigation status, cameras; and how they overlap."""
     from .inspection import inspect_files
 
     report = Report("inspect", as_json)

@@ -111,7 +111,7 @@ def _print_table(out: Console, title: str, heads: Sequence[str], rows: Sequence[
 
     table = Table(title=title or None, title_justify="left", box=box.SIMPLE_HEAD, min_width=len(title))
     for index, head in enumerate(heads):
-        numeric = all(isinstance(row[index], int | float) or row[index] is None for row in rows)
+        numeric = all(isinstance(row[index], int | float) or row[index] in (None, "") for row in rows)
         table.add_column(head, justify="right" if numeric and rows else "left", overflow="fold")
     for row in rows:
         table.add_row(*(Text(_cell(value)) for value in row))

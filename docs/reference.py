@@ -125,6 +125,7 @@ def stored_tables() -> str:
     schemas: dict[str, pa.Schema] = {
         "Frames: `read_frames`": tables.FRAMES,
         "Navigation: `read_nav`": tables.NAVIGATION,
+        "`signals/…/cameras.parquet`": tables.CAMERA_FRAMES,
         "`synced/`": tables.SYNCED,
         "`dataset/`": tables.DATASET,
     }

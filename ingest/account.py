@@ -16,12 +16,14 @@ class Account:
         rejected: Records, or stretches of bytes between records, that were not.
         truncated: The file ends within a record.
         rejections: The first hundred rejected ones: place (`line 17`, `byte 1440`) and reason.
+        bytes_read: Of the file so far, as it is stored; 0 where the reader cannot tell.
     """
 
     accepted: int = 0
     rejected: int = 0
     truncated: bool = False
     rejections: list[tuple[str, str]] = field(default_factory=list)
+    bytes_read: int = field(default=0, compare=False)
 
     def reject(self, where: str, reason: str) -> None:
         """Count one rejected record; its place and reason are kept while there are fewer than a hundred."""

@@ -4,31 +4,21 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta, timezone
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import ClassVar
 
 import numpy as np
 import pyarrow as pa
 
 from ..schemas.errors import InputError
-from ..schemas.tables import TIME, field
+from ..schemas.tables import CAMERA_FRAMES
 from .account import Account
 from .content import blocks, head
 from .mcap_container import Topic, is_mcap, messages
 from .ros_messages import decode_cdr
-
-FRAME_INDEX = pa.schema(
-    [
-        field("time", TIME, "", "when the frame was taken"),
-        field("camera", pa.string(), "", "topic of an MCAP file, else empty"),
-        field("path", pa.string(), "", "image file, relative to the index or its folder; null where not known"),
-        field("offset", pa.int64(), "", "byte of the MCAP record, or of the chunk that holds it; null elsewhere"),
-    ]
-)
-"""A camera's frames in the order of time."""
 
 IMAGES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp"})
 TIME_COLUMNS = ("time", "timestamp", "stamp", "timestamp_ns", "time_ns", "#timestamp", "#timestamp [ns]", "utc")
@@ -36,6 +26,8 @@ PATH_COLUMNS = ("path", "file", "filename", "file_name", "image", "frame_path")
 FRAME_COLUMNS = (*PATH_COLUMNS, "frame", "frame_id", "frame_number")
 LONGEST_LINE = 10_000
 LATEST = np.iinfo(np.int64).max
+FEWEST_IMAGES = 10
+"""Fewer are somebody's pictures, not a camera's recording."""
 
 _COUNT = re.compile(r"(?<![\d.])(?:(\d{19})|(\d{16})|(\d{13})|(\d{10})(?:\.(\d{1,9})|[_-](\d{9}|\d{6}))?)(?!\d)")
 _DATE = re.compile(
@@ -74,6 +66,32 @@ def stamp_in(text: str) -> int:
     )
 
 
+def is_image(topic: Topic) -> bool:
+    """Tell whether the messages of a topic are frames: of ROS 2 or Foxglove."""
+    return topic.schema.rpartition("/")[2].rpartition(".")[2] == "CompressedImage"
+
+
+def image_folders(names: Iterable[str]) -> dict[str, list[str]]:
+    """Return the names of images by the folder that they lie in (`.` at the top), all sorted."""
+    folders: dict[str, list[str]] = {}
+    for name in sorted(names):
+        if PurePosixPath(name).suffix.lower() in IMAGES:
+            folders.setdefault(PurePosixPath(name).parent.as_posix(), []).append(name)
+    return folders
+
+
+def are_frames(names: Sequence[str]) -> bool:
+    """Tell whether the images of a folder are a camera's: there are ten or more, most with a stamp in their names."""
+
+    def is_stamped(name: str) -> bool:
+        try:
+            return stamp_in(PurePosixPath(name).stem) >= 0
+        except ValueError:
+            return False
+
+    return len(names) >= FEWEST_IMAGES and 2 * sum(map(is_stamped, names)) > len(names)
+
+
 @dataclass(frozen=True, slots=True)
 class CameraIndex:
     """The frames of a camera: a CSV with their times, a folder of images named by them, or an MCAP file.
@@ -102,23 +120,39 @@ class CameraIndex:
         names = {name.strip().lower() for name in re.split("[,;\t]", line)}
         return bool(names & set(TIME_COLUMNS)) and bool(names & set(FRAME_COLUMNS)) and len(names) <= 4
 
+    @classmethod
+    def of(cls, path: Path) -> CameraIndex | None:
+        """Return the index that a file is, or may hold beside other things (MCAP); None where it is neither."""
+        try:
+            start = head(path)
+        except InputError:
+            return None
+        return cls(path) if cls.sniff(start) or is_mcap(start) else None
+
+    @property
+    def is_container(self) -> bool:
+        """Whether it is a file that may hold other records, or no frame at all: MCAP."""
+        return not self.path.is_dir() and is_mcap(head(self.path))
+
     def frames(self, account: Account) -> pa.Table:
-        """Return the frames in the order of time, in the schema `FRAME_INDEX`, and count them in `account`.
+        """Return the frames in the order of time, in the schema `CAMERA_FRAMES`, and count them in `account`.
+
+        `camera` is the topic of an MCAP file, else empty; `path` is relative to the index or its folder.
 
         Raises:
             InputError: There is no such file or folder, it cannot be read, or a header has no column of times.
         """
         if self.path.is_dir():
             found = self._in_folder(account)
-        elif is_mcap(head(self.path)):
+        elif self.is_container:
             found = self._in_mcap(account)
         else:
             found = self._in_csv(account)
         rows = sorted(found, key=lambda row: row[0])
         account.accepted += len(rows)
-        columns = list(zip(*rows, strict=True)) or [()] * len(FRAME_INDEX)
-        arrays = [pa.array(column, kind.type) for column, kind in zip(columns, FRAME_INDEX, strict=True)]
-        return pa.Table.from_arrays(arrays, schema=FRAME_INDEX)
+        columns = list(zip(*rows, strict=True)) or [()] * len(CAMERA_FRAMES)
+        arrays = [pa.array(column, kind.type) for column, kind in zip(columns, CAMERA_FRAMES, strict=True)]
+        return pa.Table.from_arrays(arrays, schema=CAMERA_FRAMES)
 
     def _in_folder(self, account: Account) -> Iterator[tuple[int, str, str | None, int | None]]:
         for path in sorted(self.path.iterdir()):
@@ -129,9 +163,6 @@ class CameraIndex:
                     account.reject(path.name, f"{error}; in the image's name")
 
     def _in_mcap(self, account: Account) -> Iterator[tuple[int, str, str | None, int | None]]:
-        def is_image(topic: Topic) -> bool:
-            return topic.schema.rpartition("/")[2].rpartition(".")[2] == "CompressedImage"
-
         for message in messages(self.path, account, is_image):
             time = 0
             if message.topic.encoding == "cdr":

@@ -59,6 +59,7 @@ def blocks(path: Path, account: Account, size: int = BLOCK) -> Generator[bytes, 
             if magic == ZSTD:
                 return (yield from _unzstd(file, account))
             while block := file.read(size):
+                account.bytes_read += len(block)
                 yield block
             return True
     except FileNotFoundError:
@@ -71,6 +72,7 @@ def _gunzip(file: BinaryIO, account: Account, size: int) -> Generator[bytes, Non
     """Yield the content of one or several gzip streams; trailing zeros, which some loggers write, are passed over."""
     inflater, within, chunk = zlib.decompressobj(wbits=31), False, b""
     while chunk := chunk or file.read(CHUNK):
+        account.bytes_read = file.tell()
         undamaged = inflater.copy()
         try:
             content = inflater.decompress(chunk, size)
@@ -100,6 +102,7 @@ def _unzstd(file: BinaryIO, account: Account) -> Generator[bytes, None, bool]:
 
     inflater, within, chunk = frame(), False, b""
     while chunk := chunk or file.read(ZSTD_CHUNK):
+        account.bytes_read = file.tell()
         try:
             content = inflater.decompress(chunk)
         except ZstdError as error:

@@ -427,3 +427,8 @@ def _imu(values: tuple[Any, ...]) -> dict[str, float]:
 
 
 _TELLS = {FIX: _fix, ODOMETRY: _odometry, TWIST: _twist, IMU: _imu}
+
+
+def purpose(topic: Topic) -> str:
+    """Return what a topic can be read as here: `can` or `nav`; empty: it is not looked at."""
+    return "can" if _holds_frames(topic) else "nav" if _schema(topic) in {NCOM, *_TELLS} else ""

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from typing import Any, cast
 
+import pyarrow as pa
+
 from ..schemas.errors import InputError
-from ..schemas.project import Recording
-from ..schemas.store import describe_output, fingerprint, parquet_writer, publish, sha256
+from ..schemas.project import Project, Recording
+from ..schemas.store import describe_output, fingerprint, parquet_writer, publish, publish_table, sha256
 from ..schemas.times import iso_utc
 from .account import Account
+from .cameras import IMAGES, CameraIndex
 from .can.database import Database
 from .oxts.kitti import Kitti
 from .readers import FrameReader, NavigationReader, Reader, recognise
+from .recording_cameras import Span, camera_facts, find_cameras, read_cameras, time_in_common
 from .signal_files import as_facts, decode_log, signal_file
+from .stamps import Stamps
 
 BESIDE_LOGS = frozenset(
     ".arxml .avi .dbc .doc .docx .jpeg .jpg .json .kcd .md .mkv .mp4 .pdf .png .sym .toml .txt .xls .xlsx .xml".split()
@@ -31,10 +37,6 @@ def recording_files(recording: Recording) -> dict[str, Path]:
         if (path.is_file() or path.is_symlink()) and not path.is_dir()
     }
     return {name: found[name] for name in sorted(found) if not Path(name).name.startswith(".")}
-
-
-Span = tuple[int | None, int | None]
-"""First and last stamp, ns; None where there is none."""
 
 
 @dataclass(slots=True)
@@ -53,13 +55,18 @@ def read_logs(project: Path, recording: Recording, database: Database, folder: P
     """Decode every file of a recording into `folder`; what cannot be read becomes a problem of its own."""
     logs = RawLogs()
     belonging: set[str] = set()
-    for name, path in recording_files(recording).items():
+    spans: dict[str, list[Span]] = {}
+    files = recording_files(recording)
+    cameras, logs.ignored = find_cameras(files, recording.folder)
+    for name, path in files.items():
+        if path.suffix.lower() in IMAGES:
+            continue
         try:
             readers = recognise(path)
         except InputError as error:
-            if path.suffix.lower() in BESIDE_LOGS and path.exists():
+            if path.suffix.lower() in BESIDE_LOGS and path.exists() and name not in cameras:
                 logs.ignored.append(name)
-            else:
+            elif name not in cameras:
                 logs.problems.append(error)
             continue
         for reader in readers:
@@ -68,20 +75,23 @@ def read_logs(project: Path, recording: Recording, database: Database, folder: P
                 continue
             if isinstance(reader, Kitti):
                 belonging.update(part.relative_to(recording.folder).as_posix() for part in reader.parts())
-            account = Account()
+            account, stamps = Account(), Stamps()
             try:
                 if reader.kind == "can":
-                    facts, span = _read_can(project, reader, account, database, folder, name, logs)
+                    facts, stamps = _read_can(project, reader, account, database, folder, name, logs)
                 else:
-                    facts, span = _read_nav(project, reader, account, folder, name, logs)
+                    facts, stamps = _read_nav(project, reader, account, folder, name, logs)
             except InputError as error:
                 logs.problems.append(error)
-                facts, span = {"failed": str(error)}, (None, None)
+                facts = {"failed": str(error)}
             if len(readers) > 1 and not account.accepted and not account.rejected and "failed" not in facts:
                 continue  # The format may hold this kind of record; this file does not.
-            logs.inputs.append(_input_facts(recording, path, reader, account, span) | facts)
-            logs.problems += _account_problems(path, account)
-    logs.ignored = [name for name in logs.ignored if name not in belonging]
+            if stamps.start is not None and stamps.stop is not None:
+                spans.setdefault(reader.kind, []).append((stamps.start, stamps.stop))
+            logs.inputs.append(_input_facts(name, path, reader, account, stamps) | facts)
+            logs.problems += [*_account_problems(path, account), *stamps.problems(path)]
+    _read_cameras(project, recording, cameras, files, spans, logs)
+    logs.ignored = sorted(name for name in logs.ignored if name not in belonging)
     if all("failed" in entry for entry in logs.inputs):
         reasons = "; ".join(dict.fromkeys(str(problem) for problem in logs.problems))
         what = f"none of its files could be read: {reasons}" if reasons else "it holds no log"
@@ -91,40 +101,73 @@ def read_logs(project: Path, recording: Recording, database: Database, folder: P
 
 def _read_can(
     project: Path, reader: Reader, account: Account, database: Database, folder: Path, name: str, logs: RawLogs
-) -> tuple[dict[str, Any], Span]:
+) -> tuple[dict[str, Any], Stamps]:
     decoded = decode_log(cast("FrameReader", reader), account, database, folder, name)
     for message, file in decoded.files.items():
         logs.message_files.setdefault(message, []).append(file)
         logs.outputs.append(describe_output(project, file, rows=decoded.rows[message]))
-    return as_facts(decoded), (decoded.start, decoded.stop)
+    return as_facts(decoded), decoded.stamps
 
 
 def _read_nav(
     project: Path, reader: Reader, account: Account, folder: Path, name: str, logs: RawLogs
-) -> tuple[dict[str, Any], Span]:
-    batches = cast("NavigationReader", reader).batches(account)
+) -> tuple[dict[str, Any], Stamps]:
+    batches, stamps = cast("NavigationReader", reader).batches(account), Stamps()
     begun = next(batches, None)
     if begun is None:
-        return {"samples": 0}, (None, None)
+        return {"samples": 0}, stamps
     file = signal_file(folder, name, "navigation")
-    samples, start, stop = 0, None, None
+    samples = 0
     with publish(file) as draft, parquet_writer(draft, begun.schema) as writer:
         for batch in chain((begun,), batches):
             writer.write_batch(batch)
-            if len(batch):
-                samples += len(batch)
-                start = batch["time"][0].value if start is None else start
-                stop = batch["time"][-1].value
+            samples += len(batch)
+            stamps.add(batch["time"].cast(pa.int64()).to_numpy())
     logs.outputs.append(describe_output(project, file, rows=samples))
     logs.navigation.append(file)
-    return {"samples": samples}, (start, stop)
+    return {"samples": samples}, stamps
 
 
-def _input_facts(recording: Recording, path: Path, reader: Reader, account: Account, span: Span) -> dict[str, Any]:
+def _read_cameras(
+    project: Path,
+    recording: Recording,
+    indexes: Mapping[str, CameraIndex],
+    files: Mapping[str, Path],
+    spans: Mapping[str, list[Span]],
+    logs: RawLogs,
+) -> None:
+    """Publish one index of all frames, and account for each source."""
+    sources, problems = read_cameras(indexes, recording, files)
+    logs.problems += problems
+    for name, source in sources.items():
+        path, stamps = source.index.path, Stamps()
+        stamps.add(source.frames["time"].cast(pa.int64()).to_numpy())
+        facts = _input_facts(name, path, source.index, source.account, stamps)
+        logs.problems += _account_problems(path, source.account)
+        if source.failed:
+            logs.problems.append(source.failed)
+            facts["failed"] = str(source.failed)
+        if len(source.frames):
+            clock, mismatch = time_in_common(source.frames, spans)
+            facts |= {"cameras": camera_facts(source.frames), "clock": clock}
+            logs.problems += [InputError(path, "", mismatch)] if mismatch else []
+        logs.inputs.append(facts)
+    tables = [source.frames for source in sources.values() if len(source.frames)]
+    if tables:
+        frames = pa.concat_tables(tables)
+        file = Project(project).cameras_file(recording.driver, recording.name)
+        publish_table(file, frames.sort_by("time"))
+        logs.outputs.append(describe_output(project, file, rows=len(frames)))
+
+
+def _input_facts(
+    name: str, path: Path, reader: Reader | CameraIndex, account: Account, stamps: Stamps
+) -> dict[str, Any]:
+    digest, size = _digest(path)
     return {
-        "path": path.relative_to(recording.folder).as_posix(),
-        "sha256": sha256(path),
-        "bytes": path.stat().st_size,
+        "path": name,
+        "sha256": digest,
+        "bytes": size,
         **({"parts_sha256": _sha256_of_parts(reader)} if isinstance(reader, Kitti) else {}),
         "format": reader.format,
         "kind": reader.kind,
@@ -132,9 +175,18 @@ def _input_facts(recording: Recording, path: Path, reader: Reader, account: Acco
         "rejected": account.rejected,
         "truncated": account.truncated,
         "rejections": [{"where": where, "reason": reason} for where, reason in account.rejections],
-        "start": None if span[0] is None else iso_utc(span[0]),
-        "stop": None if span[1] is None else iso_utc(span[1]),
+        "start": None if stamps.start is None else iso_utc(stamps.start),
+        "stop": None if stamps.stop is None else iso_utc(stamps.stop),
+        "stamps": stamps.facts(),
     }
+
+
+def _digest(path: Path) -> tuple[str, int]:
+    """Return SHA-256 and size of a file; of a folder of images, which may be many gigabytes, those of its listing."""
+    if not path.is_dir():
+        return sha256(path), path.stat().st_size
+    sizes = {image.name: image.stat().st_size for image in path.iterdir() if image.suffix.lower() in IMAGES}
+    return fingerprint(sizes), sum(sizes.values())
 
 
 def _sha256_of_parts(reader: Kitti) -> str:

@@ -18,6 +18,7 @@ from .can.database import Database
 from .can.decode import decode_message, message_schema, split_by_message
 from .can.frames import ERROR, REMOTE, FrameBatch
 from .readers import FrameReader
+from .stamps import Stamps
 
 BUFFERED_BYTES = 64 << 20
 
@@ -32,8 +33,7 @@ class DecodedLog:
         unknown: Data frames of each identifier that no database knows, as `0x123` or, extended, `0x00000123x`.
         remote: Remote frames; they have no payload.
         errors: Error frames.
-        start: First stamp, ns; None where there is no frame.
-        stop: Last stamp, ns.
+        stamps: What the frames' stamps show.
     """
 
     files: dict[str, Path] = field(default_factory=dict)
@@ -41,8 +41,7 @@ class DecodedLog:
     unknown: Counter[str] = field(default_factory=Counter)
     remote: int = 0
     errors: int = 0
-    start: int | None = None
-    stop: int | None = None
+    stamps: Stamps = field(default_factory=Stamps)
 
 
 def signal_file(folder: Path, log: str, message: str) -> Path:
@@ -102,9 +101,7 @@ def decode_log(reader: FrameReader, account: Account, database: Database, folder
 def _count(decoded: DecodedLog, batch: FrameBatch) -> None:
     decoded.remote += int(np.count_nonzero(batch.kind == REMOTE))
     decoded.errors += int(np.count_nonzero(batch.kind == ERROR))
-    first, last = int(batch.time.min()), int(batch.time.max())
-    decoded.start = first if decoded.start is None else min(decoded.start, first)
-    decoded.stop = last if decoded.stop is None else max(decoded.stop, last)
+    decoded.stamps.add(batch.time)
 
 
 def as_facts(decoded: DecodedLog) -> dict[str, object]:

@@ -98,6 +98,10 @@ class Project:
         """`models/<model>/<driver>`."""
         return self.directory / "models" / model / encode_name(driver)
 
+    def cameras_file(self, driver: str, recording: str) -> Path:
+        """`signals/driver=…/recording=…/cameras.parquet`."""
+        return self.signals_folder(driver, recording) / "cameras.parquet"
+
     @property
     def events_file(self) -> Path:
         """`events.csv`."""
@@ -120,6 +124,25 @@ class Project:
     def dataset(self, driver: str | None = None) -> pa.Table:
         """Return the dataset of one driver or of all, with `driver` and `recording` as first columns."""
         return self._read("dataset", self.dataset_file, driver)
+
+    def cameras(self, driver: str, recording: str) -> pa.Table:
+        """Return when a recording's cameras took their frames, in the order of time, in the schema `CAMERA_FRAMES`.
+
+        `path` is relative to the recording's folder (`Recording.folder`). A recording without cameras, or one that
+        was not converted yet, has an empty table.
+
+        Raises:
+            InputError: The stored index is damaged.
+        """
+        from .store import read_table
+        from .tables import CAMERA_FRAMES
+
+        path = self.cameras_file(driver, recording)
+        entry = self.manifest.get("recordings", {}).get(f"{driver}/{recording}", {})
+        confirmed = {output["path"] for output in entry.get("outputs", ())}
+        if path.relative_to(self.directory).as_posix() not in confirmed:
+            return CAMERA_FRAMES.empty_table()
+        return read_table(path)
 
     def _partition(self, stage: str, driver: str, recording: str) -> Path:
         return self.directory / stage / f"driver={encode_name(driver)}" / f"recording={encode_name(recording)}"

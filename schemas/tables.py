@@ -38,6 +38,16 @@ NAVIGATION = pa.schema(
 )
 """Navigation at its own rate, as `wheelprint.read_nav` returns it; metadata `origin`: latitude, longitude, altitude."""
 
+CAMERA_FRAMES = pa.schema(
+    [
+        field("time", TIME, "", "when the frame was taken, by the camera's own stamp"),
+        field("camera", pa.string(), "", "folder of images, index file or topic, relative to the recording's folder"),
+        field("path", pa.string(), "", "image or MCAP file, relative to the recording's folder; null where not known"),
+        field("offset", pa.int64(), "", "byte of the MCAP record, or of the chunk that holds it; null elsewhere"),
+    ]
+)
+"""When a recording's cameras took their frames, and where each one stands; the frames are never copied."""
+
 SYNCED = pa.schema(
     [
         field("time", TIME, "", "grid time, an exact multiple of the period"),

@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 from mcap.writer import Writer
 
 from wheelprint.ingest.account import Account
-from wheelprint.ingest.cameras import FRAME_INDEX, CameraIndex, stamp_in
+from wheelprint.ingest.cameras import CameraIndex, stamp_in
 from wheelprint.schemas.errors import InputError
+from wheelprint.schemas.tables import CAMERA_FRAMES
 
 START = 1_700_000_000_000_000_000
 EXPECTED = "expected a stamp since 1970 of 10 (s), 13 (ms), 16 (µs) or 19 (ns) digits, or date and time to the second"
@@ -25,7 +26,7 @@ EXPECTED = "expected a stamp since 1970 of 10 (s), 13 (ms), 16 (µs) or 19 (ns) 
 def read(path: Path) -> tuple[list[tuple[Any, ...]], Account]:
     account = Account()
     table = CameraIndex(path).frames(account)
-    assert table.schema == FRAME_INDEX
+    assert table.schema == CAMERA_FRAMES
     table = table.set_column(0, "time", table["time"].cast(pa.int64()))
     return [tuple(row.values()) for row in table.to_pylist()], account
 
