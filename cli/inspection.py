@@ -264,16 +264,16 @@ def _timeline(spans: Sequence[Any]) -> Table:
     for group in near_each_other(spans):
         start, stop = min(log.start for log in group), max(log.stop for log in group)
         if before is not None:
-            rows.append((f"— {duration(start - before)} later —", "", "", "", ""))
+            rows.append(("", "", f"— {duration(start - before)} later —", "", ""))
         before = stop
         scale = f"{_moment(start)[:-4]}{_clock(stop)[:-4].rjust(width - 19)}"
         rows.append(("", "", scale, "", ""))
         ends: dict[str, int] = {}
         for log in group:
-            gap = round((log.start - ends[log.kind]) / 1e9, 3) if log.kind in ends else ""
+            gap = log.start - ends.get(log.kind, log.start)
             bar = _bar([(log.start, log.stop)], start, stop, width)
             short = log.name if len(log.name) <= LONGEST_NAME else f"…{log.name[1 - LONGEST_NAME :]}"
-            rows.append((short, log.kind, bar, (log.stop - log.start) / 1e9, gap))
+            rows.append((short, log.kind, bar, (log.stop - log.start) / 1e9, round(gap / 1e9, 3) if gap > 0 else ""))
             ends[log.kind] = max(log.stop, ends.get(log.kind, log.stop))
         if len(ends) > 1:
             common = of_every_kind(group)

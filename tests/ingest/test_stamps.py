@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -29,8 +30,8 @@ def test_every_record_is_held_against_the_one_before_wherever_batches_end(steps:
     times = np.cumsum([START, *steps]).tolist()
     stamps = stamps_of(times, cuts)
 
-    back = [(a - b, a) for a, b in zip(times, times[1:], strict=False) if b < a]
-    gaps = [(b - a, a) for a, b in zip(times, times[1:], strict=False) if b - a > GAP]
+    back = [(a - b, a) for a, b in itertools.pairwise(times) if b < a]
+    gaps = [(b - a, a) for a, b in itertools.pairwise(times) if b - a > GAP]
     runs: list[list[int]] = []
     for time in times:
         if runs and runs[-1][0] == time:
@@ -70,11 +71,15 @@ def test_no_record_shows_nothing() -> None:
 def test_a_clock_that_was_set_back_or_stood_still_is_a_problem() -> None:
     times = [START, START + 5000 * MS, START + 1000 * MS, *[START + 6000 * MS] * 251]
     assert [str(problem) for problem in stamps_of(times, [40]).problems(Path("can.log"))] == [
-        "can.log: stamps: once a stamp is before that of the record before it, by up to 4.000 s (after "
-        "2023-11-14T22:13:25.000Z); the logger's clock was set back, or two recordings stand in one file: then divide "
-        "it there",
-        "can.log: stamps: 251 records in a row have the stamp 2023-11-14T22:13:26.000Z; the logger's clock stood still "
-        "or counts too coarsely: export the log with stamps of 1 ms or finer",
+        (
+            "can.log: stamps: once a stamp is before that of the record before it, by up to 4.000 s (after "
+            "2023-11-14T22:13:25.000Z); the logger's clock was set back, or two recordings stand in one file: then "
+            "divide it there"
+        ),
+        (
+            "can.log: stamps: 251 records in a row have the stamp 2023-11-14T22:13:26.000Z; the logger's clock stood "
+            "still or counts too coarsely: export the log with stamps of 1 ms or finer"
+        ),
     ]
 
 
