@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, Self
 
 from .output import Report, console
@@ -53,6 +53,17 @@ class Pipeline:
             rows.append((key, frames, samples, lost, synced.get("rows"), synced.get("runs"), offset))
         heads = ("recording", "CAN frames", "nav packets", "rejected", "synced rows", "runs", "CAN clock offset, s")
         self._report.tables.append(("Recordings", heads, rows))
+        if odd := list(self._odd_stamps()):
+            heads = ("recording", "file", "stamps that go back", "by up to, s", "gaps over 1 s", "longest, s", "at")
+            self._report.tables.append(("What the logs' own stamps show", heads, odd))
+
+    def _odd_stamps(self) -> Iterator[Sequence[Any]]:
+        for key, entry in self._entries("recordings").items():
+            for file in entry["inputs"]:
+                back, gaps = file["stamps"]["backwards"], file["stamps"]["gaps"]
+                if back["count"] or gaps["count"]:
+                    at = gaps["at"] if gaps["count"] else back["at"]
+                    yield key, file["path"], back["count"], back["worst_s"], gaps["count"], gaps["longest_s"], at
 
     def build(self) -> None:
         """Synced tables to `events.csv` and `dataset/`."""

@@ -127,7 +127,7 @@ def test_the_databases_are_those_of_the_project_file_here(
 def test_an_mcap_file_and_a_folder_of_images(tmp_path: Path, wheelprint: Command) -> None:
     output = BytesIO()
     writer = Writer(output)
-    writer.start()  # type: ignore[no-untyped-call]  # mcap leaves it without types
+    writer.start()
     schema = {
         name: writer.register_schema(name, "json", b"{}") for name in ("can.Frame", "Pose", "foxglove.CompressedImage")
     }
