@@ -18,8 +18,10 @@ from .blocks import Figure
 
 Values = NDArray[np.float64]
 
-STRETCH = 20.0
-"""s of each recording that show the alignment."""
+STRETCH, CLOSE = 20.0, 6.0
+"""s of each recording that show the alignment; the shorter where the offset could not be seen in the longer."""
+SMALL_OFFSET = 0.2
+"""s"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +35,7 @@ class Drive:
         synced: Rows times period, s.
         driven: Time in runs, s.
         distance: Length of the way in runs, m.
-        alignment: The car's and navigation's speed before and after alignment; None where one is missing.
+        alignment: The car's and navigation's speed before and after alignment; where there is none, the reason.
         track: Its map; None without positions.
     """
 
@@ -43,7 +45,7 @@ class Drive:
     synced: float
     driven: float
     distance: float
-    alignment: Figure | None
+    alignment: Figure | str
     track: Figure | None
 
 
@@ -83,7 +85,7 @@ def describe(
     )
 
 
-def alignment(key: str, table: pa.Table, clock: Mapping[str, Any], period: float) -> Figure | None:
+def alignment(key: str, table: pa.Table, clock: Mapping[str, Any], period: float) -> Figure | str:
     """Show the liveliest stretch of a recording before and after its CAN clock was aligned.
 
     The synced table holds the car's speed on UTC. What its stamps said before is the same line, moved by the offset.
@@ -93,30 +95,65 @@ def alignment(key: str, table: pa.Table, clock: Mapping[str, Any], period: float
         table: Its synced table.
         clock: Its clock in the manifest.
         period: Grid period, s.
+
+    Returns:
+        The figure with the estimate in words; or why there is nothing to show.
     """
     car, navigation = column(table, "speed"), column(table, "nav_speed")
-    length = round(STRETCH / period)
+    duration = CLOSE if clock["applied"] and abs(clock["offset_s"]) < SMALL_OFFSET else STRETCH
+    length = round(duration / period)
     both = np.isfinite(car) & np.isfinite(navigation)
     begins = range(0, max(len(both) - length, 0) + 1, max(length // 4, 1))
     whole = [begin for begin in begins if both[begin : begin + length].all()]
     if not whole:
-        return None
+        absent = [name for name, values in (("the car's", car), ("navigation's", navigation)) if np.isnan(values).all()]
+        if absent:
+            return f"{' and '.join(absent)} speed {'is' if len(absent) == 1 else 'are'} missing"
+        return f"the car's and navigation's speed are nowhere both there for {duration:.0f} s without a gap"
     begin = max(whole, key=lambda begin: float(np.std(navigation[begin : begin + length])))
     rows = slice(begin, begin + length)
     time = nanoseconds(table)
     seconds = (time - time[begin]) / 1e9
     shown = (seconds[rows], navigation[rows])
-    caption = f"{key}: {STRETCH:.0f} s from {readable(int(time[begin]))}"
+    stretch = f"{key}: {duration:.0f} s from {readable(int(time[begin]))}"
+    estimate = estimate_in_words(clock)
     if not clock["applied"]:
         figure = figures.alignment(*shown, car[rows], None, 0.0)
-        return Figure(f"{caption}; CAN as stamped, not aligned.", figure)
+        return Figure(f"{stretch}; CAN as stamped, not aligned. {estimate}", figure)
     shift = clock["offset_s"] + 1e-6 * (clock.get("drift_ppm") or 0.0) * begin * period
     present = np.isfinite(car)
     before = np.interp(seconds[rows] - shift, seconds[present], car[present], left=math.nan, right=math.nan)
     if np.isfinite(before).any():
-        return Figure(f"{caption}, before and after alignment.", figures.alignment(*shown, before, car[rows], shift))
+        figure = figures.alignment(*shown, before, car[rows], shift)
+        spread = [3.6 * float(np.nanstd(values - navigation[rows])) for values in (before, car[rows])]
+        agreement = f"the difference varies by {spread[0]:.2f} km/h before and {spread[1]:.2f} km/h after"
+        return Figure(f"{stretch}, before and after alignment; {agreement} (sd). {estimate}", figure)
     figure = figures.alignment(*shown, None, car[rows], shift)
-    return Figure(f"{caption}, aligned; by its own stamps the CAN log was {shift:+,.1f} s away from here.", figure)
+    apart = f"by its own stamps the CAN log was {shift:+,.1f} s away from here".replace("-", "−")
+    return Figure(f"{stretch}, aligned; {apart}. {estimate}", figure)
+
+
+def estimate_in_words(clock: Mapping[str, Any]) -> str:
+    """Return offset, drift, residual and standard error of a CAN clock, and where they are from; or why none is used.
+
+    Args:
+        clock: In the manifest.
+    """
+    reason = clock.get("reason") or ""
+    if not clock["applied"]:
+        return f"Nothing is applied: {reason or 'no offset was estimated'}."
+    parts = [f"Offset {clock['offset_s']:+.4f} s at the start"]
+    parts += [
+        f"{name} {value:{form}} {unit}"
+        for name, value, form, unit in (
+            ("drift", clock.get("drift_ppm"), "+.1f", "ppm"),
+            ("residual", clock.get("residual_ms"), ".1f", "ms"),
+            ("standard error", clock.get("standard_error_ms"), ".1f", "ms"),
+        )
+        if value is not None
+    ]
+    numbers = ", ".join(parts).replace("-", "−")
+    return f"{numbers}; {reason}." if reason else f"{numbers}."
 
 
 def track(key: str, table: pa.Table, dataset: pa.Table | None, events: Sequence[Event], at_most: int) -> Figure | None:

@@ -83,4 +83,5 @@ def inputs_table(manifest: Mapping[str, Any]) -> Table:
         Column("Recording", numeric=False), Column("File", numeric=False), Column("Size", "bytes"),
         Column("SHA-256", numeric=False),
     ]  # fmt: skip
-    return Table("Inputs.", columns, rows)
+    caption = "Inputs. The hash of a folder of images is that of its listing: names and sizes."
+    return Table(caption, columns, rows)

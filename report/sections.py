@@ -20,6 +20,7 @@ from .drives import Drive, column, describe, readable
 from .predictions import predicted_stretch
 from .provenance import inputs_table, parameters_table, signals_table, versions_table
 from .scores import read_scores
+from .sources import cameras_table, frames_table, repairs_table, stamps_table
 from .tables import count, entries, number, text
 
 MAP_POINTS = 120_000
@@ -147,14 +148,27 @@ class Content:
     def _recordings(self) -> list[Block]:
         if not entries(self.manifest, "recordings"):
             return [NOTHING_CONVERTED]
-        return [tables.recordings_table(self.manifest, self.period, self.trusted)]
+        more = (make(self.manifest) for make in (frames_table, stamps_table, cameras_table))
+        recordings = tables.recordings_table(self.manifest, self.period, self.trusted)
+        return [recordings, *(table for table in more if table is not None)]
 
     def _alignment(self) -> list[Block]:
         if not entries(self.manifest, "recordings"):
             return [NOTHING_CONVERTED]
-        shown = [drive.alignment for drive in self.drives if drive.alignment]
-        nothing = Note("No recording has both the car's and navigation's speed, so there is nothing to compare.")
-        return [tables.clock_table(self.manifest, self.trusted), Gallery(shown) if shown else nothing]
+        shown = [drive.alignment for drive in self.drives if isinstance(drive.alignment, Figure)]
+        blank = {drive.key: drive.alignment for drive in self.drives if isinstance(drive.alignment, str)}
+        synced = {drive.key for drive in self.drives}
+        blank |= {
+            key: "CAN and navigation were not brought together; the problems in the summary say why"
+            for key, _ in entries(self.manifest, "recordings")
+            if key not in synced
+        }
+        blocks: list[Block] = [tables.clock_table(self.manifest, self.trusted)]
+        if shown:
+            blocks.append(Gallery(shown))
+        if blank:
+            blocks.append(Listing("Recordings whose speeds cannot be compared", sorted(blank.items())))
+        return blocks
 
     def _events(self) -> list[Block]:
         blocks: list[Block] = []
@@ -265,7 +279,10 @@ class Content:
 
     def _provenance(self) -> list[Block]:
         converted = bool(entries(self.manifest, "recordings"))
-        read = [signals_table(self.manifest), inputs_table(self.manifest)] if converted else [NOTHING_CONVERTED]
+        if not converted:
+            return [NOTHING_CONVERTED, versions_table(), parameters_table(self.config)]
+        repairs = repairs_table(self.manifest)
+        read = [signals_table(self.manifest), *([repairs] if repairs else []), inputs_table(self.manifest)]
         return [*read, versions_table(), parameters_table(self.config)]
 
 

@@ -146,13 +146,29 @@ def cut(table: pa.Table, start: int, stop: int, rng: np.random.Generator) -> pa.
 
 def _recording_entry(project: Project, path: Path, table: pa.Table, number: int) -> dict[str, Any]:
     rejections = [{"where": "line 17", "reason": "expected 8 bytes <found> 7"}] if number == 1 else []
+    quiet = {
+        "backwards": {"count": 0, "worst_s": 0.0, "at": None},
+        "repeated": {"count": 12, "most_on_one_stamp": 2, "at": "2023-11-14T22:13:20.000Z"},
+        "gaps": {"count": 0, "longest_s": 0.0, "at": None},
+    }
+    jump = {"backwards": {"count": 1, "worst_s": 0.7, "at": "2023-11-14T22:13:50.000Z"}}
+    camera = {
+        "path": "<front>", "sha256": f"{number}c" * 32, "bytes": 9_000_000, "format": "camera", "kind": "camera",
+        "accepted": 1200, "rejected": 0, "truncated": False, "rejections": [], "start": "2023-11-14T22:13:20.000Z",
+        "stop": "2023-11-14T22:15:20.000Z", "stamps": quiet,
+        "cameras": {"<front>": {"count": 1200, "rate_hz": 10.0, "gaps": 1, "longest_interval_s": 1.1}},
+        "clock": {"relation": "trusted", "compared_with": "nav", "common_s": 119.9 if number else 0.0},
+    }  # fmt: skip
     inputs = [
         {"path": "can.log", "sha256": f"{number}a" * 32, "bytes": 4_000_000, "format": "candump", "kind": "can",
          "accepted": 120_000 + number, "rejected": len(rejections), "truncated": number == 2, "rejections": rejections,
-         "start": "2023-11-14T22:13:20.000Z", "stop": "2023-11-14T22:15:20.000Z"},
+         "start": "2023-11-14T22:13:20.000Z", "stop": "2023-11-14T22:15:20.000Z", "stamps": quiet | jump,
+         "decoded": 100_000, "unknown": 20_000 + number, "unknown_ids": {"0x123": 20_000 + number}, "remote": 0,
+         "errors": 0},
         {"path": "nav.ncom", "sha256": f"{number}b" * 32, "bytes": 900_000, "format": "ncom", "kind": "nav",
          "accepted": 12_000, "rejected": 0, "truncated": False, "rejections": [],
-         "start": "2023-11-14T22:13:20.000Z", "stop": "2023-11-14T22:15:20.000Z"},
+         "start": "2023-11-14T22:13:20.000Z", "stop": "2023-11-14T22:15:20.000Z", "stamps": quiet},
+        camera,
     ]  # fmt: skip
     clock = {
         "offset_s": 0.8215 - 0.4 * number, "drift_ppm": 12.5, "residual_ms": 1.8, "standard_error_ms": 0.6,
@@ -168,6 +184,7 @@ def _recording_entry(project: Project, path: Path, table: pa.Table, number: int)
     problem = {"path": "raw/…/can.log", "where": "line 17", "reason": "1 of 120002 records rejected: <8 bytes>"}
     return {
         "fingerprint": "x", "inputs": inputs, "clock": clock, "signals": signals, "ignored": [],
+        "database_repairs": ["car <1>.dbc: line 17: signals A and B overlap; both are kept"],
         "origin": {"latitude": 39.96, "longitude": 116.31, "altitude": 50.0},
         "outputs": [describe_output(project.directory, path, **facts)],
         "problems": [problem] if number == 1 else [],

@@ -9,7 +9,8 @@ import pyarrow as pa
 import pytest
 
 from wheelprint.dataset.events import Event
-from wheelprint.report.drives import alignment, describe, track
+from wheelprint.report.blocks import Figure
+from wheelprint.report.drives import alignment, describe, estimate_in_words, track
 from wheelprint.schemas.tables import DATASET, SYNCED
 
 START = 1_700_000_000_000_000_000
@@ -41,7 +42,7 @@ def synced(rows: int = 600, **columns: Any) -> pa.Table:
 
 
 def lines(figure: Any) -> dict[str, Any]:
-    assert figure is not None
+    assert isinstance(figure, Figure)
     return {trace.name: trace for trace in figure.figure.data}
 
 
@@ -69,8 +70,11 @@ def test_drift_adds_to_the_offset_where_the_stretch_begins() -> None:
 def test_a_clock_hours_away_is_said_in_words() -> None:
     figure = alignment("anna/ring", synced(), CLOCK | {"offset_s": 28800.0}, 0.1)
     assert list(lines(figure)) == ["navigation", "CAN aligned"]
-    assert figure is not None
-    assert figure.caption.endswith("aligned; by its own stamps the CAN log was +28,800.0 s away from here.")
+    assert isinstance(figure, Figure)
+    assert figure.caption == (
+        "anna/ring: 20 s from 2023-11-14 22:13:55.000, aligned; by its own stamps the CAN log was +28,800.0 s away "
+        "from here. Offset +28800.0000 s at the start, drift +0.0 ppm."
+    )
 
 
 def test_a_clock_that_was_not_aligned_shows_the_stamps_as_they_are() -> None:
@@ -79,7 +83,39 @@ def test_a_clock_that_was_not_aligned_shows_the_stamps_as_they_are() -> None:
 
 
 def test_without_one_of_the_speeds_there_is_nothing_to_compare() -> None:
-    assert alignment("anna/ring", synced(speed=np.full(600, np.nan)), CLOCK, 0.1) is None
+    nothing = np.full(600, np.nan)
+    holes = np.where(np.arange(600) % 100 < 2, np.nan, 10.0)
+    for columns, reason in (
+        ({"speed": nothing}, "the car's speed is missing"),
+        ({"nav_speed": nothing}, "navigation's speed is missing"),
+        ({"speed": nothing, "nav_speed": nothing}, "the car's and navigation's speed are missing"),
+        ({"speed": holes}, "the car's and navigation's speed are nowhere both there for 20 s without a gap"),
+    ):
+        assert alignment("anna/ring", synced(**columns), CLOCK, 0.1) == reason
+
+
+def test_a_small_offset_is_shown_from_near_by_and_the_difference_in_numbers() -> None:
+    drive = synced()
+    figure = alignment("anna/ring", drive, CLOCK | {"offset_s": -0.1}, 0.1)
+    assert isinstance(figure, Figure)
+    assert [len(trace.x) for trace in figure.figure.data] == [60, 60, 60]
+    after, before, navigation = (lines(figure)[name].y.astype(float) for name in (
+        "CAN aligned", "CAN as stamped (−0.100 s)", "navigation",
+    ))  # fmt: skip
+    assert np.array_equal(after, navigation)
+    assert f"varies by {np.std(before - navigation):.2f} km/h before and 0.00 km/h after (sd)." in figure.caption
+
+
+def test_the_estimate_in_words() -> None:
+    estimate = CLOCK | {
+        "offset_s": -0.06349, "drift_ppm": -6.31, "residual_ms": 12.04, "standard_error_ms": None,
+        "reason": "estimated from speed (-0.064 s)",
+    }  # fmt: skip
+    assert estimate_in_words(estimate) == (
+        "Offset −0.0635 s at the start, drift −6.3 ppm, residual 12.0 ms; estimated from speed (-0.064 s)."
+    )
+    assert estimate_in_words(estimate | {"applied": False, "reason": "too short"}) == "Nothing is applied: too short."
+    assert estimate_in_words({"applied": False}) == "Nothing is applied: no offset was estimated."
 
 
 def test_time_and_distance_count_runs_only() -> None:
