@@ -86,7 +86,7 @@ def describe(
 
 
 def alignment(key: str, table: pa.Table, clock: Mapping[str, Any], period: float) -> Figure | str:
-    """Show the liveliest stretch of a recording before and after its CAN clock was aligned.
+    """Show the stretch with most speeding up and slowing down of a recording before and after its CAN clock was aligned.
 
     The synced table holds the car's speed on UTC. What its stamps said before is the same line, moved by the offset.
 
@@ -110,7 +110,8 @@ def alignment(key: str, table: pa.Table, clock: Mapping[str, Any], period: float
         if absent:
             return f"{' and '.join(absent)} speed {'is' if len(absent) == 1 else 'are'} missing"
         return f"the car's and navigation's speed are nowhere both there for {duration:.0f} s without a gap"
-    begin = max(whole, key=lambda begin: float(np.std(navigation[begin : begin + length])))
+    # Where the speed rises evenly an offset looks like another scale: the stretch with most change of that is shown.
+    begin = max(whole, key=lambda begin: float(np.std(np.diff(navigation[begin : begin + length]))))
     rows = slice(begin, begin + length)
     time = nanoseconds(table)
     seconds = (time - time[begin]) / 1e9
