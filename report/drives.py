@@ -110,7 +110,7 @@ def alignment(key: str, table: pa.Table, clock: Mapping[str, Any], period: float
         if absent:
             return f"{' and '.join(absent)} speed {'is' if len(absent) == 1 else 'are'} missing"
         return f"the car's and navigation's speed are nowhere both there for {duration:.0f} s without a gap"
-    # Where the speed rises evenly an offset looks like another scale: the stretch with most change of that is shown.
+    # Where the speed rises evenly an offset looks like another scale: it is shown where the acceleration changes.
     begin = max(whole, key=lambda begin: float(np.std(np.diff(navigation[begin : begin + length]))))
     rows = slice(begin, begin + length)
     time = nanoseconds(table)
