@@ -162,7 +162,7 @@ def _logs_table(logs: Sequence[Inspection], names: dict[Path, str]) -> Table:
     rows: list[Sequence[Any]] = []
     for log in logs:
         start, stop = log.stamps.start, log.stamps.stop
-        told = (None, None) if start is None or stop is None else (_moment(start), (stop - start) / 1e9)
+        told = (None, None) if start is None or stop is None else (_moment(start)[:-4], (stop - start) / 1e9)
         cut = "yes" if log.account.truncated else "no"
         rows.append((names[log.path], log.format, log.kind, *told, log.account.accepted, log.account.rejected, cut))
     heads = ("file", "format", "holds", "start, UTC", "length, s", "accepted", "rejected", "cut off")
@@ -180,7 +180,7 @@ def _messages_table(name: str, log: Inspection, *, named: bool) -> Table:
         called = () if not named else ("unknown" if layout is None else layout.name,)
         rows.append((channel, shown, *called, *_cadence(log, cadence), size))
     kinds = ", ".join(f"{count:,} {kind}" for kind, count in log.frame_kinds.items() if count)
-    title = f"{name}: {kinds or 'no'} frames, {len(rows)} messages"
+    title = f"{name}: {kinds or 'no'} frames, {len(rows)} message{'' if len(rows) == 1 else 's'}"
     if named:
         known = sum(message.layout is not None for message in log.messages.values())
         title += f" of which the database knows {known}"

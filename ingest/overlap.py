@@ -39,11 +39,14 @@ class LogSpan:
 
 
 def near_each_other(logs: Iterable[LogSpan]) -> list[list[LogSpan]]:
-    """Divide logs, in the order of time, where more lies between them than an hour and than they last altogether."""
+    """Divide logs, in the order of time, where so much lies between them that one scale of time shows neither side.
+
+    That is more than a minute and than three times what they span so far.
+    """
     groups: list[list[LogSpan]] = []
     stop = 0
     for log in sorted(logs, key=lambda log: (log.start, log.stop, log.name)):
-        if groups and log.start - stop <= max(HOUR, stop - groups[-1][0].start):
+        if groups and log.start - stop <= max(60 * SECOND, 3 * (stop - groups[-1][0].start)):
             groups[-1].append(log)
             stop = max(stop, log.stop)
         else:

@@ -86,7 +86,7 @@ def describe(
 
 
 def alignment(key: str, table: pa.Table, clock: Mapping[str, Any], period: float) -> Figure | str:
-    """Show the stretch with most speeding up and slowing down of a recording before and after its CAN clock was aligned.
+    """Show a stretch of speeding up and slowing down before and after the recording's CAN clock was aligned.
 
     The synced table holds the car's speed on UTC. What its stamps said before is the same line, moved by the offset.
 

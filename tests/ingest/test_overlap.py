@@ -17,12 +17,13 @@ def span(name: str, kind: str, start: float, length: float) -> LogSpan:
 CAN = span("can.log", "can", 0, 600)
 
 
-def test_logs_are_divided_where_more_lies_between_them_than_an_hour_and_than_they_last() -> None:
-    long = span("long", "nav", 4000, 20_000)
-    later = span("later", "can", 24_000 + 23_000, 10)
+def test_logs_are_divided_where_one_scale_would_not_show_both_sides() -> None:
+    long = span("long", "nav", 2300, 700)
+    later = span("later", "can", 3000 + 8900, 10)
     last = span("last", "can", 90_000_000, 10)
     assert near_each_other([last, later, CAN, long]) == [[CAN, long, later], [last]]
-    assert len(near_each_other([CAN, span("other", "can", 600 + 3601, 1)])) == 2
+    assert len(near_each_other([CAN, span("other", "can", 600 + 1801, 1)])) == 2
+    assert len(near_each_other([span("short", "can", 0, 1), span("other", "can", 60, 1)])) == 1
 
 
 def test_the_time_of_every_kind() -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 
 import pyarrow as pa
 import pytest
+from mcap.writer import Writer
 
 from wheelprint.ingest.cameras import CameraIndex
 from wheelprint.ingest.can.database import Database
@@ -159,6 +161,31 @@ def test_an_index_that_cannot_be_read_is_an_input_that_failed(recording: Recordi
     assert isinstance(failed, InputError)
     assert failed.where == "line 1"
     assert len(sources["cam.csv"].frames) == 0
+
+
+def test_images_of_an_mcap_file_stand_by_its_name_and_their_bytes(recording: Recording) -> None:
+    output = BytesIO()
+    writer = Writer(output, use_chunking=False)
+    writer.start()
+    schema = writer.register_schema("foxglove.CompressedImage", "json", b"{}")
+    left, right = (writer.register_channel(f"/{side}", "json", schema) for side in ("left", "right"))
+    for channel, n in ((left, 0), (right, 1), (left, 2)):
+        time = (START + n) * 10**9
+        writer.add_message(channel, time, f"image {n}".encode(), time)
+    writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it without types
+    (recording.folder / "cam").mkdir()
+    (recording.folder / "cam" / "drive.mcap").write_bytes(output.getvalue())
+    logs = convert(recording)
+
+    assert logs.problems == []
+    camera = logs.inputs[-1]
+    assert (camera["path"], camera["format"], camera["accepted"]) == ("cam/drive.mcap", "camera", 3)
+    assert {name: facts["count"] for name, facts in camera["cameras"].items()} == {"/left": 2, "/right": 1}
+    # A record of a message is its opcode 05, its length, 22 bytes of header and the data.
+    places = [output.getvalue().find(f"image {n}".encode()) - 22 - 9 for n in range(3)]
+    assert stored(recording) == [
+        ((START + n) * 10**9, side, "cam/drive.mcap", places[n]) for n, side in enumerate(("/left", "/right", "/left"))
+    ]
 
 
 def test_where_cameras_are_found(recording: Recording) -> None:

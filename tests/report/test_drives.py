@@ -72,7 +72,7 @@ def test_a_clock_hours_away_is_said_in_words() -> None:
     assert list(lines(figure)) == ["navigation", "CAN aligned"]
     assert isinstance(figure, Figure)
     assert figure.caption == (
-        "anna/ring: 20 s from 2023-11-14 22:13:55.000, aligned; by its own stamps the CAN log was +28,800.0 s away "
+        "anna/ring: 20 s from 2023-11-14 22:13:50.000, aligned; by its own stamps the CAN log was +28,800.0 s away "
         "from here. Offset +28800.0000 s at the start, drift +0.0 ppm."
     )
 
