@@ -16,16 +16,15 @@ from typing import Any
 from ...schemas import databases
 from ...schemas.config import DatabaseFile
 from ...schemas.errors import InputError
+from .database_limits import refuse_monsters
 from .matching import identity
-from .repair import Repair, decode_text, repair_dbc
+from .repair import Repair, decode_text, repair_dbc, tell_cut
 
 SUFFIXES = (".dbc", ".kcd", ".sym", ".arxml")
 
 FRAME_COLUMNS = frozenset({"time", "channel", "source", "destination"})
 """Columns of a decoded message that are its frames' own."""
 
-_LONGEST_MESSAGE = 4096  # bytes; what ISO-TP and J1939 carry in several frames is below
-_MOST_VALUES = 65536  # of a multiplexer, in one range
 _LARGEST = 1e300  # scale and offset
 
 
@@ -254,10 +253,11 @@ def _load(file: DatabaseFile, base: Path, problems: list[InputError], repairs: l
         kind = path.suffix.lower().removeprefix(".")
         content = _read(path, name)
     text, repaired = decode_text(path, content)
+    repaired += tell_cut(path, text, kind)
     if kind == "dbc":
         text, mended = repair_dbc(path, text)
         repaired += mended
-        _refuse_monsters(path, text)
+    refuse_monsters(path, text, kind)
     repairs += repaired
     loaded = _parse(path, text, kind)
     lines = {
@@ -333,32 +333,6 @@ def _read(path: Path, name: str) -> bytes:
         raise InputError(path, "", reason) from None
     except OSError as error:
         raise InputError(path, "", f"cannot be read: {error.strerror}") from None
-
-
-def _refuse_monsters(path: Path, text: str) -> None:
-    """Refuse numbers for which cantools would take gigabytes of memory, as a damaged or hostile DBC has them."""
-    limits = (
-        (r"^[ \t]*BO_\s+\d+\s+\w+\s*:\s*(\d+)", _LONGEST_MESSAGE, "bytes in a message"),
-        (r"^[ \t]*SG_\s[^:\n]*:\s*(\d+)\s*\|", 8 * _LONGEST_MESSAGE, "as start bit of a signal"),
-        (r"^[ \t]*SG_\s[^:\n]*:\s*\d+\s*\|\s*(\d+)", 8 * _LONGEST_MESSAGE, "bits in a signal"),
-    )
-    for pattern, limit, what in limits:
-        for match in re.finditer(pattern, text, re.MULTILINE):
-            if len(match[1]) > 9 or int(match[1]) > limit:
-                raise InputError(
-                    path,
-                    f"line {text.count(chr(10), 0, match.start(1)) + 1}",
-                    f"{match[1]} {what}, where at most {limit} make sense; the file is damaged or not meant for CAN",
-                )
-    for statement in re.finditer(r"^[ \t]*SG_MUL_VAL_\s[^;]*", text, re.MULTILINE):
-        for low, high in re.findall(r"(\d+)\s*-\s*(\d+)", statement[0]):
-            if len(low + high) > 40 or int(high) - int(low) > _MOST_VALUES:
-                raise InputError(
-                    path,
-                    f"line {text.count(chr(10), 0, statement.start()) + 1}",
-                    f"a multiplexed signal with the values {low}-{high}, where at most {_MOST_VALUES} make sense; "
-                    "the file is damaged",
-                )
 
 
 def _message_layout(message: Any, source: str) -> MessageLayout:

@@ -99,6 +99,26 @@ def decode_text(path: Path, content: bytes) -> tuple[str, list[Repair]]:
     return text, repairs
 
 
+def tell_cut(path: Path, text: str, kind: str) -> list[Repair]:
+    """Tell what looks as if a DBC or SYM file had been cut off behind a whole statement, where nothing else shows it.
+
+    KCD and ARXML are XML, which is whole or none.
+    """
+    if kind not in {"dbc", "sym"}:
+        return []
+    signs = []
+    if not text.endswith("\n"):
+        signs.append("the last line has no line end")
+    ends_within_message = (
+        r"\n[ \t]*BO_\s[^\n]*\s*\Z" if kind == "dbc" else r"\n\[[^\]\n]*\]?(?:(?!\n(?:Sig|Mux)=)[^\[])*\Z"
+    )
+    if re.search(ends_within_message, text):
+        signs.append("the last message has no signals")
+    done = "what is there was taken; compare it with the file it was copied from"
+    line = f"line {text.count(chr(10), 0, len(text.rstrip())) + 1}"
+    return [Repair(str(path), line, f"{sign}, as where a file was cut off", done) for sign in signs]
+
+
 def repair_dbc(path: Path, text: str) -> tuple[str, list[Repair]]:
     """Repair the text of a DBC.
 
