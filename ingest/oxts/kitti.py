@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from ...schemas.errors import InputError
 from ..account import Account
+from ..number_table import parse_rows
 from ..text import Line, lines, number_of, quote, time_of
 from .ncom_layout import INITIALISING, LOCKED, LOCKING, RAW_IMU
 
@@ -33,6 +34,8 @@ COLUMNS = (
     "orimode",
 )  # fmt: skip
 """The values of a frame, in order."""
+_STATUS = COLUMNS.index("navstat")
+_BLANKS = len(COLUMNS) - 1
 
 _STAMP = re.compile(rb"(\d{4}-\d\d-\d\d) (\d\d:\d\d:\d\d)\.(\d{9})")
 _FRAME = re.compile(r"(\d{1,18})\.txt")
@@ -134,12 +137,22 @@ def _samples(records: list[Line], frames: dict[int, Path], account: Account) -> 
     count = len(records)
     time = np.zeros(count, np.int64)
     values = np.full((count, len(COLUMNS)), np.nan)
-    doubts = {}
+    doubts: dict[int, str] = {}
+    contents: dict[int, bytes] = {}
     for index, line in enumerate(records):
-        number = line.number - 1
         try:
             time[index] = _stamp(line, account)
-            values[index] = _frame(frames.get(number), account)
+            contents[index] = _content(frames.get(line.number - 1))
+        except ValueError as error:
+            doubts[index] = str(error)
+    plain = {index: row for index, content in contents.items() if (row := content.strip()).count(b" ") == _BLANKS}
+    parsed = parse_rows([*plain.values()], " ", len(COLUMNS), range(len(COLUMNS)), missing=()) if plain else None
+    if parsed is not None and all(map(_is_status, np.unique(parsed[0][:, _STATUS]).tolist())):
+        values[[*plain]] = parsed[0]
+        contents = {index: content for index, content in contents.items() if index not in plain}
+    for index, content in contents.items():
+        try:
+            values[index] = _frame(frames[records[index].number - 1].name, content, account)
         except ValueError as error:
             doubts[index] = str(error)
     column = dict(zip(COLUMNS, values.T, strict=True))
@@ -186,33 +199,45 @@ def _stamp(line: Line, account: Account) -> int:
     return time
 
 
-def _frame(path: Path | None, account: Account) -> list[float]:
-    """Return a frame's values.
+def _content(path: Path | None) -> bytes:
+    """Return a frame's file.
 
     Raises:
-        ValueError: There is no such frame, or it does not hold them.
+        ValueError: There is none, or it cannot be read.
     """
     if path is None:
         raise ValueError("has a stamp but no file in the folder data; the recording of frames stopped earlier")
     try:
-        with path.open("rb") as file:
-            content = file.read(LARGEST_FRAME)
+        with path.open("rb", buffering=0) as file:
+            return file.read(LARGEST_FRAME)
     except OSError as error:
         raise ValueError(f"{path.name} cannot be read: {error.strerror}") from None
+
+
+def _frame(name: str, content: bytes, account: Account) -> list[float]:
+    """Return a frame's values.
+
+    Raises:
+        ValueError: The file of this name does not hold them.
+    """
     words = content.split()
     if len(words) != len(COLUMNS):
         account.truncated |= 0 < len(words) < len(COLUMNS) and not content.endswith(b"\n")
         raise ValueError(
-            f"{path.name} has {len(words)} values, not {len(COLUMNS)}; "
+            f"{name} has {len(words)} values, not {len(COLUMNS)}; "
             + ("the frame is damaged or cut off" if words else "the frame is blank")
         )
     values = []
-    for name, word in zip(COLUMNS, words, strict=True):
+    for column, word in zip(COLUMNS, words, strict=True):
         try:
             values.append(number_of(word))
         except ValueError as error:
-            raise ValueError(f"{path.name}: {name}: {error}") from None
-    status = values[COLUMNS.index("navstat")]
-    if not 0 <= status <= 255 or status % 1:
-        raise ValueError(f"{path.name}: expected a navigation status (0 to 255) as navstat; found {status:g}")
+            raise ValueError(f"{name}: {column}: {error}") from None
+    status = values[_STATUS]
+    if not _is_status(status):
+        raise ValueError(f"{name}: expected a navigation status (0 to 255) as navstat; found {status:g}")
     return values
+
+
+def _is_status(value: float) -> bool:
+    return 0 <= value <= 255 and value % 1 == 0

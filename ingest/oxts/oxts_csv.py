@@ -15,6 +15,7 @@ import numpy.typing as npt
 from ...schemas.errors import InputError
 from ...schemas.units import factor, known_units
 from ..account import Account
+from ..number_table import parse_rows
 from ..text import Line, lines, number_of, quote
 from .leap_seconds import BEYOND_TABLE, VALID_UNTIL, gps_to_utc
 from .ncom_layout import INITIALISING, LOCKED, LOCKING, RAW_IMU
@@ -40,6 +41,9 @@ REQUIRED = ("latitude", "longitude")
 
 _NAME = re.compile(r"([^()]*?)\s*\(([^()]*)\)")
 _SECONDS = re.compile(rb"(\d{1,10})(?:\.(\d{0,9})\d*)?")
+_PLAIN_SECONDS = r"^\d{1,10}(\.\d{1,9})?$"
+_LATEST = 8_000_000_000
+"""GPS seconds; beyond it 64 bits are too few for ns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +160,10 @@ def _samples(records: list[Line], header: _Header, account: Account) -> Samples:
     values = np.full((count, len(header.columns)), np.nan)
     doubts = {}
     places = [place for place, _ in header.columns.values()]
-    for index, line in enumerate(records):
+    plain = _plain(records, header, places)
+    if plain is not None:
+        time, values = plain
+    for index, line in enumerate(records if plain is None else ()):
         try:
             cells = _cells(line, header, account)
             time[index] = _gps_nanoseconds(cells[header.time])
@@ -196,6 +203,29 @@ def _samples(records: list[Line], header: _Header, account: Account) -> Samples:
     return Samples(place, time, np.ones(count, bool), signals, doubts)
 
 
+def _plain(
+    records: list[Line], header: _Header, places: list[int]
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]] | None:
+    """Return stamps and values of lines, all of which are beyond doubt, else None."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    # What may be a part of a line, or one comma more than the first line has, is looked at alone.
+    if not records[-1].ended or header.time in places:
+        return None
+    parsed = parse_rows([line.text for line in records], ",", header.cells, places, missing=("", "-"), text=header.time)
+    if parsed is None or parsed[1] is None:
+        return None
+    values, seconds = parsed[0], pc.ascii_trim_whitespace(parsed[1])
+    if not pc.all(pc.match_substring_regex(seconds, _PLAIN_SECONDS)).as_py():
+        return None
+    # What a decimal number of nine places holds are nanoseconds; ten digits of seconds fit into its lower half.
+    exact = seconds.cast(pa.decimal128(28, 9))
+    nanoseconds = np.frombuffer(exact.buffers()[1], np.int64)[2 * exact.offset :: 2][: len(exact)].copy()
+    in_range = (nanoseconds >= WEEK * 1_000_000_000) & (nanoseconds < _LATEST * 1_000_000_000)
+    return (nanoseconds, values) if in_range.all() else None
+
+
 def _cells(line: Line, header: _Header, account: Account) -> list[bytes]:
     """Return the cells of a line, as many as the first line has.
 
@@ -229,7 +259,7 @@ def _gps_nanoseconds(cell: bytes) -> int:
             "the unit had no GNSS time yet, or the line is damaged"
         )
     seconds = int(match[1])
-    if seconds > 8_000_000_000:
+    if seconds > _LATEST:
         raise ValueError(f"Time() {seconds} s is beyond the year 2233; the line is damaged")
     return seconds * 1_000_000_000 + int((match[2] or b"").ljust(9, b"0"))
 

@@ -74,7 +74,7 @@ class Sample:
         whole: Counts the whole records of a beginning of the file, by other code than the reader's; None: unknown.
         every: Counts the records of a damaged file, where the format lets one know that: accepted and rejected ones.
         seal: Makes the checksums right after damage, so that what they guard is reached.
-        costly: Each reading takes about a second.
+        costly: MF4, each reading of which takes about two seconds; records of a group may be rejected by one entry.
         indivisible: A part of the file may be refused.
     """
 

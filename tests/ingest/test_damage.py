@@ -23,9 +23,9 @@ def test_every_format_is_here() -> None:
 
 @pytest.mark.parametrize("name", SAMPLES)
 def test_damage_ends_as_a_result_or_an_input_error(name: str, tmp_path: Path) -> None:
-    costly = SAMPLES[name].costly
-    if costly and find_spec("asammdf") is None:
+    sample = SAMPLES[name]
+    if sample.costly and find_spec("asammdf") is None:
         pytest.skip("asammdf is not installed (the extra mf4)")
-    outcome = damage(name, *(OF_COSTLY if costly else (MUTATIONS, CUTS)), tmp_path)
+    outcome = damage(name, sample, *(OF_COSTLY if sample.costly else (MUTATIONS, CUTS)), tmp_path)
     assert outcome.failures == []
     assert outcome.results + outcome.refusals == outcome.mutations + outcome.cuts
