@@ -304,3 +304,21 @@ def test_empty_database_says_so() -> None:
     with pytest.raises(LookupError) as caught:
         Database().find("A", "B")
     assert str(caught.value) == "the database has no message A. It has no messages at all"
+
+
+@pytest.mark.parametrize(
+    ("end", "signs"),
+    [
+        ("", []),
+        (' SG_ RATE : 16|8@1+ (1,0) [0|0] "" CAR', ["line 7: the last line has no line end"]),
+        ("BO_ 288 X: 8 CAR\n", ["line 7: the last message has no signals"]),
+        ("BO_ 288 X: 8 CAR", ["line 7: the last line has no line end", "line 7: the last message has no signals"]),
+    ],
+)
+def test_a_dbc_that_was_cut_off_behind_a_statement_says_so(tmp_path: Path, end: str, signs: list[str]) -> None:
+    name = write(tmp_path, "car.dbc", HEAD + STEER + end)
+    assert [str(repair) for repair in load_database([name], tmp_path).repairs] == [
+        f"{tmp_path / name}: {sign}, as where a file was cut off; "
+        "what is there was taken; compare it with the file it was copied from"
+        for sign in signs
+    ]

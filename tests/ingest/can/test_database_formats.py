@@ -258,3 +258,48 @@ def test_a_cut_file_ends_as_a_database_or_a_problem(tmp_path: Path, suffix: str,
         assert problems or database.messages
         if suffix != "sym":
             assert problems
+
+
+@pytest.mark.parametrize(
+    ("kind", "written", "monster", "what"),
+    [
+        ("kcd", 'length="8" name="STEER"', 'length="100000000" name="STEER"', "bytes in a message or bits in a signal"),
+        ("kcd", 'name="GEAR" offset="16"', 'name="GEAR" offset="100000000"', "as start bit of a signal"),
+        ("sym", "Len=8", "Len=100000000", "bytes in a message"),
+        ("sym", "signed 16 /u:deg", "signed 100000000 /u:deg", "bits in a signal"),
+        ("sym", "Sig=GEAR 16", "Sig=GEAR 100000000", "as start bit of a signal"),
+        ("sym", "Mux=two 0,8", "Mux=two 0,100000000", "bits in a signal"),
+        ("arxml", "<LENGTH>16<", "<LENGTH>100000000<", "bytes in a message or bits in a signal"),
+        ("arxml", "<START-POSITION>16<", "<START-POSITION>100000000<", "as start bit of a signal"),
+    ],
+)
+def test_monsters_are_refused_before_they_take_the_memory(
+    tmp_path: Path, kind: str, written: str, monster: str, what: str
+) -> None:
+    text = {"kcd": KCD, "sym": SYM, "arxml": arxml()}[kind]
+    assert written in text
+    (tmp_path / f"car.{kind}").write_text(text.replace(written, monster, 1))
+    _, problems = load_databases([f"car.{kind}"], tmp_path)
+    (problem,) = problems
+    assert problem.where.startswith("line ")
+    limit = {"arxml": 1 << 20}.get(kind, 4096 if what == "bytes in a message" else 32768)
+    reason = f"100000000 {what}, where at most {limit} make sense; the file is damaged or not meant for CAN"
+    assert problem.reason == reason
+
+
+@pytest.mark.parametrize(
+    ("end", "line", "sign"),
+    [
+        ("Sig=GEAR 16", 19, "the last line has no line end"),
+        ("[SPEED]\n", 21, "the last message has no signals"),
+        ("[SPEED]\nID=18FEF100h\nType=Extended\nLen=8\n", 24, "the last message has no signals"),
+    ],
+)
+def test_a_sym_file_that_was_cut_off_says_so(tmp_path: Path, end: str, line: int, sign: str) -> None:
+    (tmp_path / "car.sym").write_text(SYM[: SYM.index(end) + len(end)])
+    assert [str(repair) for repair in load_database(["car.sym"], tmp_path).repairs] == [
+        (
+            f"{tmp_path / 'car.sym'}: line {line}: {sign}, as where a file was cut off; "
+            "what is there was taken; compare it with the file it was copied from"
+        )
+    ]
