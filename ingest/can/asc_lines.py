@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ..text import LONGEST_LINE
 from .frames import DATA, ERROR, REMOTE
 from .text_fields import (
     EXTENDED_MASK,
@@ -28,7 +29,7 @@ from .text_fields import (
     token_at,
     word,
 )
-from .text_log import FRAME, FRAMES, LONGEST_LINE, OTHER, Found
+from .text_log import FRAME, FRAMES, OTHER, Found
 
 DECIMAL, DELTAS, START, LAST, BLOCK_BEGINS, BLOCK_DATE = range(6)
 """The state: numbers are decimal; stamps count from the one before; the moment they count from (ns since 1970); the
@@ -92,7 +93,9 @@ def _is_tail(text: Text, p: int, stop: int) -> bool:
         return True
     if end - start >= 2 and text[start] == 47 and text[start + 1] == 47:
         return True
-    return is_word(text, start, end, _LENGTH) or is_word(text, start, end, _BITCOUNT) or is_word(text, start, end, _ID)
+    return bool(
+        is_word(text, start, end, _LENGTH) or is_word(text, start, end, _BITCOUNT) or is_word(text, start, end, _ID)
+    )
 
 
 @njit(cache=True, nogil=True)

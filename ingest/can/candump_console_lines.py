@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ..text import LONGEST_LINE
 from .frames import DATA, ERROR, REMOTE
 from .text_fields import (
     DASH,
@@ -29,7 +30,7 @@ from .text_fields import (
     token_at,
     word,
 )
-from .text_log import FRAME, FRAMES, LONGEST_LINE, LONGEST_NAME, Found
+from .text_log import FRAME, FRAMES, LONGEST_NAME, Found
 
 DELTAS, MOMENT, AFTER_ERROR = range(3)
 """The state: stamps count from the one before; the last moment; the last line was an error frame."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ..text import LONGEST_LINE
 from .frames import DATA
 from .text_fields import (
     EXTENDED_MASK,
@@ -26,7 +27,7 @@ from .text_fields import (
     token_at,
     word,
 )
-from .text_log import FRAME, FRAMES, LONGEST_LINE, NO_RECORD, OPEN, Found
+from .text_log import FRAME, FRAMES, NO_RECORD, OPEN, Found
 
 # Why a line is not a frame; `crtd.REASONS` says it in words.
 MISSING, TIME, TIME_RANGE, TYPE, IDENTIFIER, STANDARD_RANGE, EXTENDED_RANGE, PAYLOAD, TAIL, LONG = range(1, 11)

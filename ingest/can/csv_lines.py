@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ..text import LONGEST_LINE
 from .frames import DATA, ERROR, REMOTE
 from .text_fields import (
     EXTENDED_MASK,
@@ -31,7 +32,7 @@ from .text_fields import (
     split_commas,
     word,
 )
-from .text_log import FRAME, FRAMES, LONGEST_LINE, OPEN, OTHER, Found
+from .text_log import FRAME, FRAMES, OPEN, OTHER, Found
 
 # Why a line is not a frame; `python_can_csv.REASONS` and `gvret_csv.REASONS` say it in words.
 MISSING, TIME, TIME_RANGE, IDENTIFIER, STANDARD_RANGE, EXTENDED_RANGE, FLAG, LENGTH, PAYLOAD, TAIL = range(1, 11)
@@ -104,7 +105,14 @@ def _parse_base64(text: Text, start: int, stop: int, size: int, data: Text) -> b
 
 
 @njit(cache=True, nogil=True)
-def scan_python_can(text: Text, ends: Numbers, number: int, final: bool, found: Found, state: Numbers) -> int:
+def scan_python_can(
+    text: Text,
+    ends: Numbers,
+    number: int,
+    final: bool,  # noqa: ARG001 - base64 of the right size is whole
+    found: Found,
+    state: Numbers,  # noqa: ARG001 - every line speaks for itself
+) -> int:
     """Parse lines as `text_log.read_frames` wants it."""
     times, channels, ids, extendeds, fds, kinds, lengths, data, long_data, names, lines, counts = found
     bounds = np.empty((MOST_FIELDS, 2), np.int64)

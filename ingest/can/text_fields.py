@@ -47,7 +47,7 @@ RX, TX = word(b"rx"), word(b"tx")
 @njit(cache=True, nogil=True)
 def has_room(times: Numbers, lines: Numbers, counts: Numbers) -> bool:
     """Tell whether one more line, whatever it is, can be entered."""
-    return counts[FRAMES] < len(times) and counts[LINES] < len(lines)
+    return bool(counts[FRAMES] < len(times) and counts[LINES] < len(lines))
 
 
 @njit(cache=True, nogil=True)
@@ -196,7 +196,7 @@ def is_word(text: Text, start: int, stop: int, letters: Text) -> bool:
 @njit(cache=True, nogil=True)
 def is_direction(text: Text, start: int, stop: int) -> bool:
     """Tell whether a field is Rx or Tx."""
-    return is_word(text, start, stop, RX) or is_word(text, start, stop, TX)
+    return bool(is_word(text, start, stop, RX) or is_word(text, start, stop, TX))
 
 
 @njit(cache=True, nogil=True)
@@ -206,7 +206,7 @@ def number_at(text: Text, start: int, stop: int, base: int) -> int:
         return -1
     number = 0
     for p in range(start, stop):
-        digit = np.int64(HEX[text[p]])
+        digit = int(np.int64(HEX[text[p]]))
         if digit >= base:
             return -1
         number = base * number + digit
@@ -218,7 +218,7 @@ def byte_at(text: Text, start: int, stop: int) -> int:
     """Return the value of a field of two hex digits; -1 if it is not."""
     if stop - start != 2:
         return -1
-    high, low = np.int64(HEX[text[start]]), np.int64(HEX[text[start + 1]])
+    high, low = int(np.int64(HEX[text[start]])), int(np.int64(HEX[text[start + 1]]))
     return -1 if (high | low) >= NOT_HEX else high << 4 | low
 
 
@@ -278,7 +278,7 @@ def decimal(text: Text, start: int, stop: int, places: int) -> tuple[int, int]:
         p += 1
     mantissa, digits, shift, point = 0, 0, places, False
     while p < stop:
-        digit = np.int64(text[p]) - ZERO
+        digit = int(np.int64(text[p])) - ZERO
         if 0 <= digit <= 9:
             if mantissa < _LAST_MANTISSA:
                 mantissa = 10 * mantissa + digit

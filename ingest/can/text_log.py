@@ -72,7 +72,7 @@ class Found(NamedTuple):
 def read_frames(
     path: Path, account: Account, scan: Scan, judge: Judge, state: npt.NDArray[np.int64]
 ) -> Iterator[FrameBatch]:
-    """Yield the frames of a log in the order of its lines, up to `BATCH` at a time; count what is a record in `account`.
+    """Yield the frames of a log in the order of its lines, up to `BATCH` at a time, and count all records in `account`.
 
     Payloads have 8 columns, or 64 where the batch met a longer one. A last line without line end is a frame if it is
     sure to be a whole one; if it only lacks its rest it is rejected and the file is `truncated`. So is a compressed
@@ -141,16 +141,23 @@ def _pieces(path: Path, account: Account) -> Iterator[bytes | None]:
 
 def _nothing_found(before: Found | None = None) -> Found:
     """Return an empty `Found`, which goes on with the channels of the one `before`."""
-    kinds = (np.int64, np.int16, np.uint32, np.bool_, np.bool_, np.uint8, np.uint8)
-    columns = (np.zeros(BATCH, kind) for kind in kinds)
-    payloads = (np.zeros(BATCH, np.uint64), np.zeros((BATCH, 8), np.uint64))
-    names, lines, counts = (
-        (np.zeros((MOST_CHANNELS, 1 + LONGEST_NAME), np.uint8), np.empty((_SET_ASIDE, 5), np.int64), np.zeros(4, int))
-        if before is None
-        else before[-3:]
-    )
+    names = np.zeros((MOST_CHANNELS, 1 + LONGEST_NAME), np.uint8) if before is None else before.names
+    counts = np.zeros(4, np.int64) if before is None else before.counts
     counts[[FRAMES, LONGEST]] = 0
-    return Found(*columns, *payloads, names, lines, counts)
+    return Found(
+        time=np.zeros(BATCH, np.int64),
+        channel=np.zeros(BATCH, np.int16),
+        id=np.zeros(BATCH, np.uint32),
+        extended=np.zeros(BATCH, np.bool_),
+        fd=np.zeros(BATCH, np.bool_),
+        kind=np.zeros(BATCH, np.uint8),
+        length=np.zeros(BATCH, np.uint8),
+        data=np.zeros(BATCH, np.uint64),
+        long_data=np.zeros((BATCH, 8), np.uint64),
+        names=names,
+        lines=np.empty((_SET_ASIDE, 5), np.int64),
+        counts=counts,
+    )
 
 
 def _reason(path: Path, where: str, judge: Judge, code: int, line: bytes, cut: bool) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ..text import LONGEST_LINE
 from .frames import DATA, ERROR, REMOTE
 from .text_fields import (
     DASH,
@@ -31,7 +32,7 @@ from .text_fields import (
     token_at,
     word,
 )
-from .text_log import FRAME, FRAMES, LONGEST_LINE, NO_RECORD, OPEN, OTHER, Found
+from .text_log import FRAME, FRAMES, NO_RECORD, OPEN, OTHER, Found
 
 # Why a line is not a frame; `trc.REASONS` says it in words.
 MISSING, NUMBER, TIME, TYPE, BUS, IDENTIFIER, STANDARD_RANGE, EXTENDED_RANGE, DIRECTION = range(1, 10)
@@ -42,8 +43,8 @@ COLUMNS = "NOTBIdRLD"
 ABSENT = -1
 _N, _O, _T, _B, _I, _D, _R, _L, _DATA = range(9)
 IS_CODE, DIRECTIONS, START = 9, 10, 11
-"""The state: for each of `COLUMNS` which field of a line it is, or `ABSENT`, the payload the last; the length column has
-data length codes, not lengths; the type column says Rx, Tx, Error or Warng (versions 1), not DT, FD, …; the ns that
+"""The state: for each of `COLUMNS` which field of a line it is, or `ABSENT`, the payload the last; the length column
+has data length codes, not lengths; the type column says Rx, Tx, Error or Warng (versions 1), not DT, FD, …; the ns that
 offset 0 stands for."""
 
 _SEMICOLON, _CLOSE = 59, 41
@@ -126,7 +127,7 @@ def _parse_status(
 @njit(cache=True, nogil=True)
 def _parse_frame(
     text: Text, bounds: Numbers, count: int, p: int, stop: int, state: Numbers, sort: int, payload: Text
-) -> tuple[int, int, int, int, bool, int]:
+) -> tuple[int, int, int, int, int, int]:
     """Parse identifier, direction, length and, from `p` on, payload.
 
     Returns:
