@@ -14,7 +14,7 @@ import numpy as np
 from ..account import Account
 from ..content import head
 from .frames import FrameBatch
-from .line_log import frame_batches, go_back
+from .text_log import OTHER, go_back, read_frames
 
 REASONS = (
     "expected a frame such as `0.100000 1 123x Rx d 2 01 AB`, or another line that ASC is known to have",
@@ -32,6 +32,8 @@ REASONS = (
     "the number of bytes is not what the length code means",
     "expected flags in hex as third number behind the payload",
     "the last number may be cut",
+    "longer than 65536 bytes, no line of this format",
+    "one channel more than the 256 that a log may have",
 )
 """What is said of a rejected line, by the codes of `asc_lines`."""
 
@@ -104,7 +106,7 @@ class Asc:
         return _START.match(head) is not None
 
     def batches(self, account: Account) -> Iterator[FrameBatch]:
-        """Yield the frames in the order of the file, up to `line_log.BATCH` at a time; count them in `account`.
+        """Yield the frames in the order of the file, up to `text_log.BATCH` at a time; count them in `account`.
 
         A last line without line end is a frame if it surely is a whole one, else it is rejected and the file is
         `truncated`. A date that cannot be read is rejected as well; stamps then go on counting from what they did.
@@ -112,11 +114,11 @@ class Asc:
         Raises:
             InputError: The file cannot be read.
         """
-        from .asc_lines import BLOCK_BEGINS, BLOCK_DATE, DECIMAL, DELTAS, OTHER, START, STATE, scan
+        from .asc_lines import BLOCK_BEGINS, BLOCK_DATE, DECIMAL, DELTAS, START, scan
 
         stamps = _STAMP.findall(head(self.path))
         disguised = len(stamps) >= _LEAST_STAMPS and go_back(stamps)
-        state = np.zeros(STATE, np.int64)
+        state = np.zeros(6, np.int64)
         state[DELTAS] = disguised
 
         def judge(code: int, line: bytes) -> str:
@@ -131,7 +133,7 @@ class Asc:
                 return ""
             header = _DATED.fullmatch(line)
             if header is None:
-                return REASONS[OTHER]
+                return REASONS[0]
             if header["date"] is None:
                 return ""
             start = _nanoseconds(header["date"])
@@ -143,7 +145,7 @@ class Asc:
                 state[START] = start
             return ""
 
-        yield from frame_batches(self.path, account, scan, state, judge)
+        yield from read_frames(self.path, account, scan, judge, state)
 
 
 def _nanoseconds(date: bytes) -> int | None:

@@ -3,44 +3,51 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
+from ..text import LONGEST_LINE
 from .frames import DATA, ERROR, REMOTE
-from .line_log import CHANNELS, CUT, FINAL, FULL, LONG, LONGEST_LINE
-from .line_tokens import (
+from .text_fields import (
+    EXTENDED_MASK,
     FD_LENGTHS,
     SECOND,
+    STANDARD_MASK,
     ZERO,
+    Numbers,
     Text,
     bytes_at,
     channel_of,
+    clear,
+    enter_payload,
+    has_room,
+    is_direction,
     is_word,
     line_at,
     number_at,
     seconds_at,
+    set_aside,
     token_at,
+    word,
 )
+from .text_log import FRAME, FRAMES, OTHER, Found
 
-DECIMAL, DELTAS, START, LAST, BLOCK_BEGINS, BLOCK_DATE = range(FINAL + 1, FINAL + 7)
-"""The rest of the state: numbers are decimal; stamps count from the one before; the moment they count from (ns since
-1970); the last stamp; a trigger block has begun and has had no stamp; its date."""
-STATE = FINAL + 7
+DECIMAL, DELTAS, START, LAST, BLOCK_BEGINS, BLOCK_DATE = range(6)
+"""The state: numbers are decimal; stamps count from the one before; the moment they count from (ns since 1970); the
+last stamp; a trigger block has begun and has had no stamp; its date."""
 
 # Why a line is not a frame; `asc.REASONS` says it in words.
-OTHER, TIME, TIME_RANGE, IDENTIFIER, STANDARD_RANGE, EXTENDED_RANGE, SORT, CODE, MISSING, BYTE, TAIL = range(11)
-SWITCHES, LENGTH, FLAGS, SHORT = range(11, 15)
+TIME, TIME_RANGE, IDENTIFIER, STANDARD_RANGE, EXTENDED_RANGE, SORT, CODE, MISSING, BYTE, TAIL = range(1, 11)
+SWITCHES, LENGTH, FLAGS, SHORT, LONG, CHANNELS = range(11, 17)
 
 _EPOCH = 1_000_000_000 * SECOND
 _LAST_MOMENT = (1 << 63) - 1
 _FLAG_REMOTE, _FLAG_FD = 0x10, 0x1000
-_RX, _TX, _CANFD = (np.frombuffer(word, np.uint8) for word in (b"rx", b"tx", b"canfd"))
-_ERRORFRAME = np.frombuffer(b"errorframe", np.uint8)
-_TAILS = tuple(np.frombuffer(word, np.uint8) for word in (b"length", b"bitcount", b"id"))
+_CANFD, _ERRORFRAME = word(b"canfd"), word(b"errorframe")
+_LENGTH, _BITCOUNT, _ID = word(b"length"), word(b"bitcount"), word(b"id")
 
 
 @njit(cache=True, nogil=True)
-def _moment(stamp: int, state: npt.NDArray[np.int64]) -> int:
+def _moment(stamp: int, state: Numbers) -> int:
     """Return when a stamp was, ns since 1970, or -1: beyond what 64 bits hold; carry the state on."""
     if state[BLOCK_BEGINS] == 1:
         if state[DELTAS] == 1 or stamp == 0 or stamp < state[LAST]:
@@ -64,11 +71,11 @@ def _identifier(text: Text, start: int, stop: int, base: int) -> tuple[int, int,
     number = number_at(text, start, stop - 1 if extended else stop, base)
     if number < 0:
         return IDENTIFIER, 0, extended
-    if extended and number > 0x1FFFFFFF:
+    if extended and number > EXTENDED_MASK:
         return EXTENDED_RANGE, 0, extended
-    if not extended and number > 0x7FF:
+    if not extended and number > STANDARD_MASK:
         return STANDARD_RANGE, 0, extended
-    return OTHER, number, extended
+    return FRAME, number, extended
 
 
 @njit(cache=True, nogil=True)
@@ -86,14 +93,13 @@ def _is_tail(text: Text, p: int, stop: int) -> bool:
         return True
     if end - start >= 2 and text[start] == 47 and text[start + 1] == 47:
         return True
-    for word in _TAILS:  # noqa: SIM110  numba compiles no generators
-        if is_word(text, start, end, word):
-            return True
-    return False
+    return bool(
+        is_word(text, start, end, _LENGTH) or is_word(text, start, end, _BITCOUNT) or is_word(text, start, end, _ID)
+    )
 
 
 @njit(cache=True, nogil=True)
-def _classic(text: Text, p: int, stop: int, base: int, final: bool, row: Text) -> tuple[int, int, int]:
+def _classic(text: Text, p: int, stop: int, base: int, final: bool, payload: Text) -> tuple[int, int, int]:
     """Parse a classic frame behind its direction; return code, kind and bytes."""
     start, p = token_at(text, p, stop)
     sort = text[start] | 32 if p - start == 1 else 0
@@ -101,23 +107,23 @@ def _classic(text: Text, p: int, stop: int, base: int, final: bool, row: Text) -
     if sort == 114:
         if _length_code(text, start, end, base) >= 0:
             p = end
-        return OTHER if _is_tail(text, p, stop) else TAIL, REMOTE, 0
+        return FRAME if _is_tail(text, p, stop) else TAIL, REMOTE, 0
     if sort != 100:
         return SORT, DATA, 0
     code = _length_code(text, start, end, base)
     if code < 0:
         return CODE, DATA, 0
     count = min(code, 8)
-    size, p = bytes_at(text, end, stop, base, count, row)
+    size, p = bytes_at(text, end, stop, base, count, payload)
     if size < count:
         return MISSING if p == stop or _is_tail(text, p, stop) else BYTE, DATA, size
     if final and base == 10 and size > 0 and p == stop:
         return SHORT, DATA, size
-    return OTHER if _is_tail(text, p, stop) else TAIL, DATA, size
+    return FRAME if _is_tail(text, p, stop) else TAIL, DATA, size
 
 
 @njit(cache=True, nogil=True)
-def _fd(text: Text, p: int, stop: int, base: int, final: bool, row: Text) -> tuple[int, int, bool, int]:
+def _fd(text: Text, p: int, stop: int, base: int, final: bool, payload: Text) -> tuple[int, int, bool, int]:
     """Parse a frame of a CANFD line behind its identifier; return code, kind, whether it is CAN FD, and bytes."""
     start, p = token_at(text, p, stop)
     following, end = token_at(text, p, stop)
@@ -134,7 +140,7 @@ def _fd(text: Text, p: int, stop: int, base: int, final: bool, row: Text) -> tup
     count = number_at(text, start, end, 10)
     if not 0 <= count <= 64:
         return LENGTH, DATA, True, 0
-    size, p = bytes_at(text, end, stop, base, count, row)
+    size, p = bytes_at(text, end, stop, base, count, payload)
     if size < count:
         return MISSING if p == stop else BYTE, DATA, True, size
     flags = -1
@@ -148,93 +154,86 @@ def _fd(text: Text, p: int, stop: int, base: int, final: bool, row: Text) -> tup
         return SHORT, DATA, True, size
     remote = count == 0 and code > 0 if flags < 0 else (flags & _FLAG_REMOTE) != 0
     if remote:
-        return OTHER if count == 0 else LENGTH, REMOTE, False, 0
+        return FRAME if count == 0 else LENGTH, REMOTE, False, 0
     fd = flags < 0 or (flags & _FLAG_FD) != 0
-    return OTHER if count == (FD_LENGTHS[code] if fd else min(code, 8)) else LENGTH, DATA, fd, size
+    return FRAME if count == (FD_LENGTHS[code] if fd else min(code, 8)) else LENGTH, DATA, fd, size
 
 
 @njit(cache=True, nogil=True)
-def scan(
-    text: Text,
-    position: int,
-    line: int,
-    count: int,
-    time: npt.NDArray[np.int64],
-    channel: npt.NDArray[np.int16],
-    identifier: npt.NDArray[np.uint32],
-    extended: npt.NDArray[np.bool_],
-    fd: npt.NDArray[np.bool_],
-    kind: npt.NDArray[np.uint8],
-    length: npt.NDArray[np.uint8],
-    data: npt.NDArray[np.uint8],
-    names: npt.NDArray[np.uint8],
-    known: int,
-    state: npt.NDArray[np.int64],
-) -> tuple[int, int, int, int, int, int, int]:
-    """Parse lines of `text` into the arrays of a batch until one is no frame.
+def _frame(
+    text: Text, p: int, stop: int, base: int, final: bool, payload: Text
+) -> tuple[int, int, int, int, bool, bool, int, int]:
+    """Parse a frame behind its stamp.
 
-    See `line_log.frame_batches`, which calls it, for the arguments and what is returned; `state` has `STATE` places.
+    Returns:
+        Code, where the channel's number starts and stops, identifier, whether it is extended, whether it is CAN FD,
+        kind, bytes.
     """
-    while count < len(time):
-        end, start, stop = line_at(text, position)
-        if end < 0:
-            return position, line, count, known, CUT, 0, 0
-        if end - position >= LONGEST_LINE:
-            return end + 1, line + 1, count, known, LONG, start, stop
-        position, line = end + 1, line + 1
+    name, name_stop = token_at(text, p, stop)
+    on_fd = is_word(text, name, name_stop, _CANFD)
+    if on_fd:
+        name, name_stop = token_at(text, name_stop, stop)
+    first, first_stop = token_at(text, name_stop, stop)
+    second, second_stop = token_at(text, first_stop, stop)
+    if name_stop - name > 3 or number_at(text, name, name_stop, 10) < 0:
+        return OTHER, name, name_stop, 0, False, False, ERROR, 0
+    # A classic line has its direction behind the identifier, a CANFD line before it.
+    directed = is_direction(text, first, first_stop) if on_fd else is_direction(text, second, second_stop)
+    if on_fd:
+        error = directed and is_word(text, second, second_stop, _ERRORFRAME)
+    else:
+        error = is_word(text, first, first_stop, _ERRORFRAME)
+    if error:
+        return FRAME, name, name_stop, 0, False, False, ERROR, 0
+    if not directed:
+        return OTHER, name, name_stop, 0, False, False, ERROR, 0
+    if on_fd:
+        first, first_stop = second, second_stop
+    code, identifier, extended = _identifier(text, first, first_stop, base)
+    fd, kind, size = False, DATA, 0
+    if code == FRAME and on_fd:
+        code, kind, fd, size = _fd(text, second_stop, stop, base, final, payload)
+    elif code == FRAME:
+        code, kind, size = _classic(text, second_stop, stop, base, final, payload)
+    return code, name, name_stop, identifier, extended, fd, kind, size
+
+
+@njit(cache=True, nogil=True)
+def scan(text: Text, ends: Numbers, number: int, final: bool, found: Found, state: Numbers) -> int:
+    """Parse lines as `text_log.read_frames` wants it; a line without a stamp may change the state."""
+    times, channels, ids, extendeds, fds, kinds, lengths, data, long_data, names, lines, counts = found
+    words = np.zeros(8, np.uint64)
+    payload = words.view(np.uint8)
+    while number < len(ends) and has_room(times, lines, counts):
+        start, stop, width = line_at(text, ends, number)
+        number += 1
         if start == stop:
             continue
-        if not 0 <= text[start] - ZERO <= 9:
-            return position, line, count, known, OTHER, start, stop
-        stamp, p = seconds_at(text, start, stop)
-        if stamp < 0 or (p < stop and text[p] > 32):
-            return position, line, count, known, TIME_RANGE if stamp == -2 else TIME, start, stop
-        moment = _moment(stamp, state)
-        if moment < 0:
-            return position, line, count, known, TIME_RANGE, start, stop
-
-        base, final = 10 if state[DECIMAL] == 1 else 16, state[FINAL] == 1
-        code, number, is_extended, is_fd, sort, size = OTHER, 0, False, False, ERROR, 0
-        name_start, name_stop = token_at(text, p, stop)
-        on_fd = is_word(text, name_start, name_stop, _CANFD)
-        if on_fd:
-            name_start, name_stop = token_at(text, name_stop, stop)
-        first_start, first_stop = token_at(text, name_stop, stop)
-        second_start, second_stop = token_at(text, first_stop, stop)
-        if name_stop - name_start > 3 or number_at(text, name_start, name_stop, 10) < 0:
-            return position, line, count, known, OTHER, start, stop
-        # A classic line has its direction behind the identifier, a CANFD line before it.
-        way_start, way_stop = (first_start, first_stop) if on_fd else (second_start, second_stop)
-        directed = is_word(text, way_start, way_stop, _RX) or is_word(text, way_start, way_stop, _TX)
-        if on_fd:
-            error = directed and is_word(text, second_start, second_stop, _ERRORFRAME)
-        else:
-            error = is_word(text, first_start, first_stop, _ERRORFRAME)
-        if not error:
-            if not directed:
-                return position, line, count, known, OTHER, start, stop
-            if on_fd:
-                code, number, is_extended = _identifier(text, second_start, second_stop, base)
+        code, moment, identifier, extended, fd, kind, size, channel = LONG, 0, 0, False, False, DATA, 0, 0
+        name = name_stop = 0
+        if width < LONGEST_LINE:
+            if not 0 <= text[start] - ZERO <= 9:
+                set_aside(lines, counts, number - 1, OTHER, start, stop, stop)
+                return number
+            moment, p = seconds_at(text, start, stop)
+            if moment < 0 or (p < stop and text[p] > 32):
+                code = TIME_RANGE if moment == -2 else TIME
             else:
-                code, number, is_extended = _identifier(text, first_start, first_stop, base)
-            if code == OTHER and on_fd:
-                code, sort, is_fd, size = _fd(text, second_stop, stop, base, final, data[count])
-            elif code == OTHER:
-                code, sort, size = _classic(text, second_stop, stop, base, final, data[count])
-        bus = 0
-        if code == OTHER:
-            bus, known = channel_of(text, name_start, name_stop, names, known)
-            if bus < 0:
+                moment = _moment(moment, state)
+                code = TIME_RANGE if moment < 0 else FRAME
+        if code == FRAME:
+            clear(words)
+            base = 10 if state[DECIMAL] == 1 else 16
+            code, name, name_stop, identifier, extended, fd, kind, size = _frame(text, p, stop, base, final, payload)
+        if code == FRAME:
+            channel = channel_of(text, name, name_stop, names, counts)
+            if channel < 0:
                 code = CHANNELS
-        if code != OTHER:
-            data[count] = 0
-            return position, line, count, known, code, start, stop
-        time[count] = moment
-        channel[count] = bus
-        identifier[count] = number
-        extended[count] = is_extended
-        fd[count] = is_fd
-        kind[count] = sort
-        length[count] = size
-        count += 1
-    return position, line, count, known, FULL, 0, 0
+        if code == FRAME:
+            row = counts[FRAMES]
+            times[row], channels[row], ids[row] = moment, channel, identifier
+            extendeds[row], fds[row], kinds[row], lengths[row] = extended, fd, kind, size
+            enter_payload(words, size, data, long_data, counts)
+        else:
+            set_aside(lines, counts, number - 1, code, start, stop, start if code == LONG else stop)
+    return number

@@ -11,13 +11,8 @@ from typing import ClassVar
 import numpy as np
 
 from ..account import Account
-from ..content import blocks
 from .frames import FrameBatch
-
-BATCH = 1 << 18
-"""Frames of a batch, at most."""
-BLOCK = 1 << 20
-"""Bytes of text looked at at once."""
+from .text_log import read_frames
 
 _LINE = re.compile(rb"\s*\(\d+\.\d{1,9}\)[ \t]+\S+[ \t]+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#")
 
@@ -66,66 +61,13 @@ class Candump:
         return _LINE.match(head) is not None
 
     def batches(self, account: Account) -> Iterator[FrameBatch]:
-        """Yield the frames in the order of the file, up to `BATCH` at a time, and count them in `account`.
+        """Yield the frames in the order of the file and count them in `account`; see `text_log.read_frames`.
 
-        Payloads have 8 columns, or 64 where the batch met a longer one. A last line without line end is a frame if it
-        is a whole one (that a cut fell right behind a byte of its payload cannot be known); if it only lacks its rest
-        it is rejected and the file is `truncated`. So is a gzip stream that ends early; of a damaged one everything
-        before the damage is delivered.
+        That a last line without line end was cut right behind a byte of its payload cannot be known: it is a frame.
 
         Raises:
             InputError: The file cannot be read.
         """
-        from .candump_lines import CUT, FULL, LONGEST_LINE, LONGEST_NAME, MOST_CHANNELS, WIDE, scan
+        from .candump_lines import scan
 
-        names, known = np.zeros((MOST_CHANNELS, 1 + LONGEST_NAME), np.uint8), 0
-        rejected = np.empty((1024, 5), np.int64)
-        arrays, count, line, carry = _empty_batch(), 0, 1, b""
-        for block in self._pieces(account):
-            ended = not block
-            content = carry + (block or b"\n")
-            if block is None and carry.strip():
-                account.truncated = True
-                account.reject(f"line {line}", f"the file ends within this line; found {_quote(carry.strip())}")
-                content = b"\n"
-            text, position, why = np.frombuffer(content, np.uint8), 0, FULL
-            while why != CUT:
-                position, line, count, known, rejections, why = scan(
-                    text, position, line, count, *arrays, names, known, rejected
-                )
-                for number, code, start, stop, reached in rejected[:rejections].tolist():
-                    reason = REASONS[code]
-                    # Only the last line can be looked at after the end, so what it lacks is what the file lacks.
-                    if ended and reached == stop:
-                        account.truncated = True
-                        reason = f"the file ends within this line: {reason}"
-                    account.reject(f"line {number}", f"{reason}; found {_quote(content[start:stop])}")
-                if why == WIDE:
-                    narrow = arrays[-1]
-                    arrays = (*arrays[:-1], np.zeros((BATCH, 64), np.uint8))
-                    arrays[-1][:, : narrow.shape[1]] = narrow
-                elif count and (why == FULL or (ended and why == CUT)):
-                    channels = tuple(
-                        row[1 : 1 + row[0]].tobytes().decode("utf-8", "backslashreplace") for row in names[:known]
-                    )
-                    time, channel, *others = (array[:count] for array in arrays)
-                    account.accepted += count
-                    yield FrameBatch(time, channel, channels, *others)
-                    arrays, count = _empty_batch(), 0
-            # Of an overlong line (nothing of candump's is) enough is kept to reject it when its end comes.
-            carry = content[position:][:LONGEST_LINE]
-
-    def _pieces(self, account: Account) -> Iterator[bytes | None]:
-        """Yield the log's text, then nothing: `b""` at the end of the log, None where it breaks off."""
-        whole = yield from blocks(self.path, account, BLOCK)
-        yield b"" if whole else None
-
-
-def _empty_batch() -> tuple[np.ndarray, ...]:
-    kinds = (np.int64, np.int16, np.uint32, np.bool_, np.bool_, np.uint8, np.uint8)
-    return (*(np.zeros(BATCH, kind) for kind in kinds), np.zeros((BATCH, 8), np.uint8))
-
-
-def _quote(line: bytes) -> str:
-    text = line[:80].decode("ascii", "backslashreplace")
-    return f"{text!r}" if len(line) <= 80 else f"{text!r} and more"
+        yield from read_frames(self.path, account, scan, lambda code, _line: REASONS[code], np.zeros(0, np.int64))

@@ -13,7 +13,7 @@ import numpy as np
 from ..account import Account
 from ..content import head
 from .frames import FrameBatch
-from .line_log import frame_batches, go_back
+from .text_log import go_back, read_frames
 
 REASONS = (
     "",
@@ -31,6 +31,8 @@ REASONS = (
     "expected bytes of 2 hex digits (candump -i and -S write others, which are not read)",
     "expected nothing behind the payload but its characters '…', or ERRORFRAME of an error frame",
     "what follows the length may be cut",
+    "longer than 65536 bytes, no line of this format",
+    "one channel more than the 256 that a log may have",
 )
 """What is said of a rejected line, by the codes of `candump_console_lines`."""
 
@@ -72,15 +74,15 @@ class CandumpConsole:
         return _LINE.match(head) is not None
 
     def batches(self, account: Account) -> Iterator[FrameBatch]:
-        """Yield the frames in the order of the file, up to `line_log.BATCH` at a time; count them in `account`.
+        """Yield the frames in the order of the file, up to `text_log.BATCH` at a time; count them in `account`.
 
         A last line without line end is a frame if it is a whole one, else it is rejected and the file is `truncated`.
 
         Raises:
             InputError: The file cannot be read.
         """
-        from .candump_console_lines import DELTAS, STATE, scan
+        from .candump_console_lines import DELTAS, scan
 
-        state = np.zeros(STATE, np.int64)
+        state = np.zeros(3, np.int64)
         state[DELTAS] = go_back(_STAMP.findall(head(self.path)))
-        yield from frame_batches(self.path, account, scan, state, lambda code, _line: REASONS[code])
+        yield from read_frames(self.path, account, scan, lambda code, _line: REASONS[code], state)

@@ -3,40 +3,48 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
+from ..text import LONGEST_LINE
 from .frames import DATA, ERROR, REMOTE
-from .line_log import CHANNELS, CUT, FINAL, FULL, LONG, LONGEST_LINE, LONGEST_NAME
-from .line_tokens import (
-    FD_LENGTHS,
+from .text_fields import (
+    DASH,
+    EXTENDED_MASK,
+    IS_FD_LENGTH,
     SECOND,
+    STANDARD_MASK,
     TAB,
     ZERO,
+    Numbers,
     Text,
     bytes_at,
     channel_of,
+    clear,
+    enter_payload,
+    has_room,
     is_word,
     line_at,
     number_at,
     seconds_at,
+    set_aside,
     token_at,
+    word,
 )
+from .text_log import FRAME, FRAMES, LONGEST_NAME, Found
 
-DELTAS, MOMENT, AFTER_ERROR = range(FINAL + 1, FINAL + 4)
-"""The rest of the state: stamps count from the one before; the last moment; the last line was an error frame."""
-STATE = FINAL + 4
+DELTAS, MOMENT, AFTER_ERROR = range(3)
+"""The state: stamps count from the one before; the last moment; the last line was an error frame."""
 
 # Why a line is not a frame; `candump_console.REASONS` says it in words.
-OK, TIME, NO_TIME, TIME_RANGE, CHANNEL, EXTRA, IDENTIFIER, STANDARD_RANGE, EXTENDED_RANGE = range(9)
-LENGTH, FD_LENGTH, MISSING, BYTE, TAIL, SHORT = range(9, 15)
+TIME, NO_TIME, TIME_RANGE, CHANNEL, EXTRA, IDENTIFIER, STANDARD_RANGE, EXTENDED_RANGE = range(1, 9)
+LENGTH, FD_LENGTH, MISSING, BYTE, TAIL, SHORT, LONG, CHANNELS = range(9, 17)
 
-_OPEN, _CLOSE, _QUOTE, _DASH = 40, 41, 39, 45
+_OPEN, _CLOSE, _QUOTE = 40, 41, 39
 _EPOCH = 1_000_000_000 * SECOND
 _LAST_MOMENT = (1 << 63) - 1
-_ERROR_FLAG, _EXTENDED_MASK = 0x20000000, 0x1FFFFFFF
-_ERRORFRAME, _REMOTE, _REQUEST = (np.frombuffer(word, np.uint8) for word in (b"errorframe", b"remote", b"request"))
-_DATE = np.frombuffer(b"0000-00-00 00:00:00.", np.uint8)
+_ERROR_FLAG = 0x20000000
+_ERRORFRAME, _REMOTE, _REQUEST = word(b"errorframe"), word(b"remote"), word(b"request")
+_DATE = word(b"0000-00-00 00:00:00.")
 _MONTH_DAYS = np.array([31, 28, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31])
 
 
@@ -68,11 +76,11 @@ def _date_at(text: Text, p: int, stop: int) -> tuple[int, int]:
 
 
 @njit(cache=True, nogil=True)
-def _stamp_at(text: Text, p: int, stop: int, state: npt.NDArray[np.int64]) -> tuple[int, int, int]:
+def _stamp_at(text: Text, p: int, stop: int, state: Numbers) -> tuple[int, int, int]:
     """Parse `(…) ` at `p`; return code, ns since 1970, and where it ends."""
     if p >= stop or text[p] != _OPEN:
         return NO_TIME, 0, p
-    dated = p + 5 < stop and text[p + 5] == _DASH
+    dated = p + 5 < stop and text[p + 5] == DASH
     stamp, end = _date_at(text, p + 1, stop) if dated else seconds_at(text, p + 1, stop)
     if stamp == -2:
         return TIME_RANGE, 0, end
@@ -83,11 +91,11 @@ def _stamp_at(text: Text, p: int, stop: int, state: npt.NDArray[np.int64]) -> tu
             return TIME_RANGE, 0, end
         stamp += state[MOMENT]
     state[MOMENT] = stamp
-    return OK, stamp, end + 1
+    return FRAME, stamp, end + 1
 
 
 @njit(cache=True, nogil=True)
-def _payload(text: Text, p: int, stop: int, sort: int, final: bool, row: Text) -> tuple[int, int, bool, int]:
+def _payload(text: Text, p: int, stop: int, sort: int, final: bool, payload: Text) -> tuple[int, int, bool, int]:
     """Parse from `[8]` on; return code, kind, whether it is CAN FD, and bytes."""
     start, p = token_at(text, p, stop)
     digits = p - start - 2
@@ -100,113 +108,90 @@ def _payload(text: Text, p: int, stop: int, sort: int, final: bool, row: Text) -
         return LENGTH, sort, False, 0
     if raw:
         count = min(count, 8)
-    if fd and not np.any(count == FD_LENGTHS):
+    if fd and not (count <= 64 and IS_FD_LENGTH[count]):
         return FD_LENGTH, sort, True, 0
     start, end = token_at(text, p, stop)
     if not fd and sort == DATA and is_word(text, start, end, _REMOTE):
         start, end = token_at(text, end, stop)
         following = token_at(text, end, stop)[0]
-        return OK if is_word(text, start, end, _REQUEST) and following == stop else TAIL, REMOTE, False, 0
-    size, p = bytes_at(text, p, stop, 16, count, row)
+        return FRAME if is_word(text, start, end, _REQUEST) and following == stop else TAIL, REMOTE, False, 0
+    size, p = bytes_at(text, p, stop, 16, count, payload)
     if size < count:
         return MISSING if p == stop else BYTE, sort, fd, size
     start, end = token_at(text, p, stop)
     if start == stop:
-        return SHORT if final and size == 0 else OK, sort, fd, size
+        return SHORT if final and size == 0 else FRAME, sort, fd, size
     if text[start] == _QUOTE and text[stop - 1] == _QUOTE and stop - start >= 2:
-        return OK, sort, fd, size
+        return FRAME, sort, fd, size
     if sort == ERROR and is_word(text, start, end, _ERRORFRAME) and end == stop:
-        return OK, sort, fd, size
+        return FRAME, sort, fd, size
     return TAIL, sort, fd, size
 
 
 @njit(cache=True, nogil=True)
-def _frame(text: Text, p: int, stop: int, final: bool, row: Text) -> tuple[int, int, bool, int, bool, int]:
+def _frame(text: Text, p: int, stop: int, final: bool, payload: Text) -> tuple[int, int, bool, int, bool, int]:
     """Parse what stands behind the interface; return code, identifier, extended, kind, CAN FD, bytes."""
     start, p = token_at(text, p, stop)
     if p - start == 2 and text[start] in (82, 84) and text[start + 1] == 88:
         switch, p = token_at(text, p, stop)
         state, end = token_at(text, p, stop)
-        if p - switch != 1 or end - state != 1 or text[switch] not in (66, _DASH) or text[state] not in (69, _DASH):
+        if p - switch != 1 or end - state != 1 or text[switch] not in (66, DASH) or text[state] not in (69, DASH):
             return EXTRA, 0, False, DATA, False, 0
         start, p = token_at(text, end, stop)
     digits = p - start
     number = number_at(text, start, p, 16)
     if number < 0 or digits not in (3, 8):
         return IDENTIFIER, 0, False, DATA, False, 0
-    if digits == 3 and number > 0x7FF:
+    if digits == 3 and number > STANDARD_MASK:
         return STANDARD_RANGE, 0, False, DATA, False, 0
     sort = DATA
-    if digits == 8 and number & ~_EXTENDED_MASK == _ERROR_FLAG:
+    if digits == 8 and number & ~EXTENDED_MASK == _ERROR_FLAG:
         sort = ERROR
-        number &= _EXTENDED_MASK
-    elif number > _EXTENDED_MASK:
+        number &= EXTENDED_MASK
+    elif number > EXTENDED_MASK:
         return EXTENDED_RANGE, 0, False, DATA, False, 0
-    code, sort, fd, size = _payload(text, p, stop, sort, final, row)
+    code, sort, fd, size = _payload(text, p, stop, sort, final, payload)
     return code, number, digits == 8, sort, fd, size
 
 
 @njit(cache=True, nogil=True)
-def scan(
-    text: Text,
-    position: int,
-    line: int,
-    count: int,
-    time: npt.NDArray[np.int64],
-    channel: npt.NDArray[np.int16],
-    identifier: npt.NDArray[np.uint32],
-    extended: npt.NDArray[np.bool_],
-    fd: npt.NDArray[np.bool_],
-    kind: npt.NDArray[np.uint8],
-    length: npt.NDArray[np.uint8],
-    data: npt.NDArray[np.uint8],
-    names: npt.NDArray[np.uint8],
-    known: int,
-    state: npt.NDArray[np.int64],
-) -> tuple[int, int, int, int, int, int, int]:
-    """Parse lines of `text` into the arrays of a batch until one is no frame.
-
-    See `line_log.frame_batches`, which calls it, for the arguments and what is returned; `state` has `STATE` places.
-    """
-    while count < len(time):
-        end, start, stop = line_at(text, position)
-        if end < 0:
-            return position, line, count, known, CUT, 0, 0
-        if end - position >= LONGEST_LINE:
-            return end + 1, line + 1, count, known, LONG, start, stop
-        indented = text[position] == TAB
-        position, line = end + 1, line + 1
+def scan(text: Text, ends: Numbers, number: int, final: bool, found: Found, state: Numbers) -> int:
+    """Parse lines as `text_log.read_frames` wants it."""
+    times, channels, ids, extendeds, fds, kinds, lengths, data, long_data, names, lines, counts = found
+    words = np.zeros(8, np.uint64)
+    payload = words.view(np.uint8)
+    while number < len(ends) and has_room(times, lines, counts):
+        start, stop, width = line_at(text, ends, number)
+        number += 1
+        indented = width > 0 and text[ends[number - 1] - width] == TAB
         # `candump -e` explains an error frame on indented lines below it.
-        if start == stop or (indented and state[AFTER_ERROR] == 1 and text[start] != _OPEN):
+        if start == stop or (indented and state[AFTER_ERROR] == 1 and text[start] != _OPEN and width < LONGEST_LINE):
             continue
-        state[AFTER_ERROR] = 0
-        code, moment, p = _stamp_at(text, start, stop, state)
-        number, is_extended, sort, is_fd, size, bus = 0, False, DATA, False, 0, 0
-        name_start, name_stop = token_at(text, p, stop)
-        if code in (OK, NO_TIME):
-            found = CHANNEL
-            if 0 < name_stop - name_start <= LONGEST_NAME and name_stop < stop:
-                found, number, is_extended, sort, is_fd, size = _frame(
-                    text, name_stop, stop, state[FINAL] == 1, data[count]
-                )
-            if code == OK:
-                code = found
-            elif found != OK:
+        code, moment, identifier, extended, fd, kind, size, channel = LONG, 0, 0, False, False, DATA, 0, 0
+        name = name_stop = 0
+        if width < LONGEST_LINE:
+            clear(words)
+            state[AFTER_ERROR] = 0
+            code, moment, p = _stamp_at(text, start, stop, state)
+            name, name_stop = token_at(text, p, stop)
+        if code in (FRAME, NO_TIME):
+            parsed = CHANNEL
+            if 0 < name_stop - name <= LONGEST_NAME and name_stop < stop:
+                parsed, identifier, extended, kind, fd, size = _frame(text, name_stop, stop, final, payload)
+            if code == FRAME:
+                code = parsed
+            elif parsed != FRAME:
                 code = TIME
-        if code == OK:
-            bus, known = channel_of(text, name_start, name_stop, names, known)
-            if bus < 0:
+        if code == FRAME:
+            channel = channel_of(text, name, name_stop, names, counts)
+            if channel < 0:
                 code = CHANNELS
-        if code != OK:
-            data[count] = 0
-            return position, line, count, known, code, start, stop
-        state[AFTER_ERROR] = sort == ERROR
-        time[count] = moment
-        channel[count] = bus
-        identifier[count] = number
-        extended[count] = is_extended
-        fd[count] = is_fd
-        kind[count] = sort
-        length[count] = size
-        count += 1
-    return position, line, count, known, FULL, 0, 0
+        if code == FRAME:
+            state[AFTER_ERROR] = kind == ERROR
+            row = counts[FRAMES]
+            times[row], channels[row], ids[row] = moment, channel, identifier
+            extendeds[row], fds[row], kinds[row], lengths[row] = extended, fd, kind, size
+            enter_payload(words, size, data, long_data, counts)
+        else:
+            set_aside(lines, counts, number - 1, code, start, stop, start if code == LONG else stop)
+    return number

@@ -7,9 +7,28 @@ import numpy.typing as npt
 from numba import njit
 
 from .frames import DATA, ERROR, REMOTE
+from .text_fields import (
+    BLANK,
+    EXTENDED_MASK,
+    HEX,
+    IS_FD_LENGTH,
+    NOT_HEX,
+    POINT,
+    STANDARD_MASK,
+    ZERO,
+    Numbers,
+    Text,
+    channel_of,
+    clear,
+    enter_payload,
+    has_room,
+    is_blank,
+    line_at,
+    seconds_at,
+    set_aside,
+)
+from .text_log import FRAME, FRAMES, LONGEST, LONGEST_NAME, Found
 
-LONGEST_NAME = 32
-MOST_CHANNELS = 256
 LONGEST_LINE = 4096
 LONGEST_FRAME = 2 + 20 + 1 + LONGEST_NAME + 1 + 8 + 3 + 2 * 64 + 1
 """Bytes of the longest line that `write` can make, its line end included."""
@@ -18,276 +37,161 @@ LONGEST_FRAME = 2 + 20 + 1 + LONGEST_NAME + 1 + 8 + 3 + 2 * 64 + 1
 TIME, TIME_RANGE, CHANNEL, IDENTIFIER, STANDARD_RANGE, EXTENDED_RANGE, ODD, DIGIT, CLASSIC_LENGTH = range(1, 10)
 FLAGS, FD_LENGTH, REQUEST, TAIL, LONG, CHANNELS = range(10, 16)
 
-# Why `scan` came back.
-CUT, FULL, WIDE, REJECTIONS = range(4)
-
-_NEWLINE, _RETURN, _TAB, _BLANK = 10, 13, 9, 32
-_OPEN, _CLOSE, _POINT, _ZERO, _HASH, _UNDERSCORE = 40, 41, 46, 48, 35, 95
-_NOT_HEX = 16
-_HEX = np.full(256, _NOT_HEX, np.uint8)
-for _digits in (b"0123456789abcdef", b"0123456789ABCDEF"):
-    _HEX[np.frombuffer(_digits, np.uint8)] = np.arange(16)
-_DIGITS = np.frombuffer(b"0123456789ABCDEF", np.uint8).copy()
-_FD_LENGTHS = np.isin(np.arange(65), (*range(9), 12, 16, 20, 24, 32, 48, 64))
-
-_LAST_SECOND = 9_223_372_035
-_ERROR_FLAG, _EXTENDED_MASK = 0x20000000, 0x1FFFFFFF
+_NEWLINE, _OPEN, _CLOSE, _HASH, _UNDERSCORE = 10, 40, 41, 35, 95
+_DIGITS = np.frombuffer(b"0123456789ABCDEF", np.uint8)
+_ERROR_FLAG = 0x20000000
 
 
 @njit(cache=True, nogil=True)
-def _is_blank(character: int) -> bool:
-    return character in (_BLANK, _TAB, _RETURN)
-
-
-@njit(cache=True, nogil=True)
-def _parse_time(text: npt.NDArray[np.uint8], p: int, stop: int) -> tuple[int, int, int]:
+def _parse_time(text: Text, p: int, stop: int) -> tuple[int, int, int]:
     """Parse `(1436509052.249713)` at `p`; return code, where parsing ended, ns."""
     if p >= stop or text[p] != _OPEN:
         return TIME, p, 0
-    p += 1
-    seconds, digits = 0, 0
-    while p < stop and 0 <= text[p] - _ZERO <= 9:
-        if digits < 12:
-            seconds = 10 * seconds + (text[p] - _ZERO)
-        digits += 1
-        p += 1
-    if p >= stop or digits == 0 or text[p] != _POINT:
+    time, p = seconds_at(text, p + 1, stop)
+    if time == -1 or p >= stop or text[p] != _CLOSE:
         return TIME, p, 0
-    p += 1
-    fraction, unit = 0, 1_000_000_000
-    while p < stop and 0 <= text[p] - _ZERO <= 9 and unit > 1:
-        fraction = 10 * fraction + (text[p] - _ZERO)
-        unit //= 10
-        p += 1
-    if p >= stop or unit == 1_000_000_000 or text[p] != _CLOSE:
-        return TIME, p, 0
-    if digits > 12 or seconds > _LAST_SECOND:
-        return TIME_RANGE, p, 0
-    return 0, p + 1, seconds * 1_000_000_000 + fraction * unit
+    return (TIME_RANGE, p, 0) if time < 0 else (FRAME, p + 1, time)
 
 
 @njit(cache=True, nogil=True)
-def _parse_tail(text: npt.NDArray[np.uint8], p: int, stop: int) -> tuple[int, int]:
-    """Parse what may follow a payload: nothing, or blanks and the direction `R` or `T`."""
-    if p == stop:
-        return 0, p
-    if not _is_blank(text[p]):
-        return TAIL, p
-    while _is_blank(text[p]):
+def _parse_identifier(text: Text, p: int, stop: int) -> tuple[int, int, int, bool, int]:
+    """Parse `044#` at `p`; return code, where parsing ended, identifier, whether it is extended, and kind."""
+    number, start = 0, p
+    while p < stop and HEX[text[p]] != NOT_HEX and p - start < 9:
+        number = (number << 4) | HEX[text[p]]
         p += 1
-    if p + 1 == stop and text[p] in (82, 84, 114, 116):
-        return 0, p + 1
-    return TAIL, p
+    digits = p - start
+    if p >= stop or text[p] != _HASH or digits not in (3, 8):
+        return IDENTIFIER, p, 0, False, DATA
+    if digits == 3 and number > STANDARD_MASK:
+        return STANDARD_RANGE, p, 0, False, DATA
+    if digits == 8 and number & ~EXTENDED_MASK == _ERROR_FLAG:
+        return FRAME, p + 1, number & EXTENDED_MASK, True, ERROR
+    return EXTENDED_RANGE if number > EXTENDED_MASK else FRAME, p + (number <= EXTENDED_MASK), number, digits == 8, DATA
 
 
 @njit(cache=True, nogil=True)
-def _parse_payload(
-    text: npt.NDArray[np.uint8], p: int, stop: int, fd: bool, data: npt.NDArray[np.uint8], row: int
-) -> tuple[int, int, int]:
-    """Parse pairs of hex digits at `p` into `data[row]`; return code, where parsing ended, bytes."""
-    k, limit = 0, data.shape[1] if fd else 8
-    while p < stop and _HEX[text[p]] != _NOT_HEX:
+def _parse_payload(text: Text, p: int, stop: int, fd: bool, payload: Text) -> tuple[int, int, int]:
+    """Parse pairs of hex digits at `p` into `payload`; return code, where parsing ended, bytes."""
+    k, limit = 0, 64 if fd else 8
+    while p < stop and HEX[text[p]] != NOT_HEX:
         if k == limit:
-            return CLASSIC_LENGTH if not fd else FD_LENGTH if k == 64 else -WIDE, p, k
-        low = _HEX[text[p + 1]] if p + 1 < stop else _NOT_HEX
-        if low == _NOT_HEX:
-            return ODD if p + 1 == stop or _is_blank(text[p + 1]) else DIGIT, p + 1, k
-        data[row, k] = (_HEX[text[p]] << 4) | low
+            return FD_LENGTH if fd else CLASSIC_LENGTH, p, k
+        low = HEX[text[p + 1]] if p + 1 < stop else NOT_HEX
+        if low == NOT_HEX:
+            return ODD if p + 1 == stop or is_blank(text[p + 1]) else DIGIT, p + 1, k
+        payload[k] = (HEX[text[p]] << 4) | low
         k += 1
         p += 2
     if p < stop and text[p] == _UNDERSCORE and k == 8 and not fd:
         # `candump -8` tells a length code beyond 8, which the bus allows for 8 bytes.
         p += 1
-        if p >= stop or not 9 <= _HEX[text[p]] <= 15:
+        if p >= stop or not 9 <= HEX[text[p]] <= 15:
             return DIGIT, p, k
         p += 1
-    if p < stop and not _is_blank(text[p]):
+    if p < stop and not is_blank(text[p]):
         return DIGIT, p, k
-    if fd and not _FD_LENGTHS[k]:
+    if fd and not IS_FD_LENGTH[k]:
         return FD_LENGTH, p, k
-    return 0, p, k
+    return FRAME, p, k
 
 
 @njit(cache=True, nogil=True)
-def _parse_request(text: npt.NDArray[np.uint8], p: int, stop: int) -> tuple[int, int]:
+def _parse_request(text: Text, p: int, stop: int) -> tuple[int, int]:
     """Parse what follows the `R` of a remote frame: nothing or a number of bytes."""
-    if p < stop and not _is_blank(text[p]):
-        if not 0 <= text[p] - _ZERO <= 8:
+    if p < stop and not is_blank(text[p]):
+        if not 0 <= text[p] - ZERO <= 8:
             return REQUEST, p
         p += 1
         if p < stop and text[p] == _UNDERSCORE:
             p += 1
-            if p >= stop or not 9 <= _HEX[text[p]] <= 15:
+            if p >= stop or not 9 <= HEX[text[p]] <= 15:
                 return REQUEST, p
             p += 1
-        if p < stop and not _is_blank(text[p]):
+        if p < stop and not is_blank(text[p]):
             return REQUEST, p
-    return 0, p
+    return FRAME, p
 
 
 @njit(cache=True, nogil=True)
-def _find_channel(
-    text: npt.NDArray[np.uint8], start: int, stop: int, names: npt.NDArray[np.uint8], known: int
-) -> tuple[int, int]:
-    """Return the number of the channel `text[start:stop]`, entered if it is new, or -1; and how many are known."""
-    for number in range(known):
-        if names[number, 0] == stop - start:
-            k = 0
-            while k < stop - start and names[number, 1 + k] == text[start + k]:
-                k += 1
-            if k == stop - start:
-                return number, known
-    if known == len(names):
-        return -1, known
-    names[known, 0] = stop - start
-    for k in range(stop - start):
-        names[known, 1 + k] = text[start + k]
-    return known, known + 1
+def _parse_tail(text: Text, p: int, stop: int) -> tuple[int, int]:
+    """Parse what may follow a payload: nothing, or blanks and the direction `R` or `T`."""
+    if p == stop:
+        return FRAME, p
+    if not is_blank(text[p]):
+        return TAIL, p
+    while is_blank(text[p]):
+        p += 1
+    if p + 1 == stop and text[p] in (82, 84, 114, 116):
+        return FRAME, p + 1
+    return TAIL, p
 
 
 @njit(cache=True, nogil=True)
 def scan(
-    text: npt.NDArray[np.uint8],
-    position: int,
-    line: int,
-    count: int,
-    time: npt.NDArray[np.int64],
-    channel: npt.NDArray[np.int16],
-    identifier: npt.NDArray[np.uint32],
-    extended: npt.NDArray[np.bool_],
-    fd: npt.NDArray[np.bool_],
-    kind: npt.NDArray[np.uint8],
-    length: npt.NDArray[np.uint8],
-    data: npt.NDArray[np.uint8],
-    names: npt.NDArray[np.uint8],
-    known: int,
-    rejected: npt.NDArray[np.int64],
-) -> tuple[int, int, int, int, int, int]:
-    """Parse whole lines of `text` from `position` on into the arrays of a batch.
-
-    Args:
-        text: Bytes of the log.
-        position: Where a line starts.
-        line: Number of that line.
-        count: Frames that the arrays hold already.
-        time: The arrays of a `FrameBatch`, from here to `data`: (capacity,); `data`: zeros from row `count` on.
-        channel: See `time`.
-        identifier: See `time`.
-        extended: See `time`.
-        fd: See `time`.
-        kind: See `time`.
-        length: See `time`.
-        data: (capacity, 8) or (capacity, 64).
-        names: (channels, 1 + `LONGEST_NAME`), a row is the length of a name and its bytes; new ones are entered.
-        known: Names that are entered already.
-        rejected: (n, 5), a row is filled for each rejected line: its number, the code, where it starts and stops in
-            `text` without blanks, and where parsing ended: at the stop where the line may only lack its rest.
-
-    Returns:
-        position, line, count, known, rejected lines, and why it ended: `CUT` no whole line is left, `FULL` the batch
-        is, `WIDE` a payload needs 64 columns, `REJECTIONS` their array is full.
-    """
-    rejections = 0
-    previous_start, previous_stop, previous = 0, 0, -1
-    while count < len(time):
-        if rejections == len(rejected):
-            return position, line, count, known, rejections, REJECTIONS
-        end = position
-        while end < len(text) and text[end] != _NEWLINE:
-            end += 1
-        if end == len(text):
-            return position, line, count, known, rejections, CUT
-        start, stop = position, end
-        while stop > start and _is_blank(text[stop - 1]):
-            stop -= 1
-        while start < stop and _is_blank(text[start]):
-            start += 1
+    text: Text,
+    ends: Numbers,
+    number: int,
+    final: bool,  # noqa: ARG001 - that a cut fell right behind a byte of a payload cannot be known
+    found: Found,
+    state: Numbers,  # noqa: ARG001 - every line speaks for itself
+) -> int:
+    """Parse lines as `text_log.read_frames` wants it."""
+    times, channels, ids, extendeds, fds, kinds, lengths, data, long_data, names, lines, counts = found
+    words = np.zeros(8, np.uint64)
+    payload = words.view(np.uint8)
+    while number < len(ends) and has_room(times, lines, counts):
+        start, stop, width = line_at(text, ends, number)
+        number += 1
         if start == stop:
-            position = end + 1
-            line += 1
             continue
-
-        code, p, stamp, number, size, k = LONG, start, 0, 0, 0, 0
-        is_extended, is_fd, sort = False, False, DATA
-        name_start, name_stop = 0, 0
-        if end - position < LONGEST_LINE:
-            code, p, stamp = _parse_time(text, start, stop)
-        if code == 0:
+        clear(words)
+        code, p, time, identifier, size, channel = LONG, start, 0, 0, 0, 0
+        extended, fd, kind = False, False, DATA
+        name, name_stop = 0, 0
+        if width < LONGEST_LINE:
+            code, p, time = _parse_time(text, start, stop)
+        if code == FRAME:
             blanks = p
-            while p < stop and _is_blank(text[p]):
+            while p < stop and is_blank(text[p]):
                 p += 1
-            name_start = p
-            while p < stop and text[p] > _BLANK:
+            name = p
+            while p < stop and text[p] > BLANK:
                 p += 1
             name_stop = p
-            size = name_stop - name_start
-            if blanks == name_start or not 0 < size <= LONGEST_NAME or p >= stop:
+            if blanks == name or not 0 < name_stop - name <= LONGEST_NAME or p >= stop:
                 code = CHANNEL
-        if code == 0:
-            while p < stop and _is_blank(text[p]):
+        if code == FRAME:
+            while p < stop and is_blank(text[p]):
                 p += 1
-            digits = p
-            while p < stop and _HEX[text[p]] != _NOT_HEX and p - digits < 9:
-                number = (number << 4) | _HEX[text[p]]
+            code, p, identifier, extended, kind = _parse_identifier(text, p, stop)
+        if code == FRAME and kind == DATA and p < stop and text[p] in (82, 114):
+            kind = REMOTE
+            code, p = _parse_request(text, p + 1, stop)
+        elif code == FRAME:
+            if kind == DATA and p < stop and text[p] == _HASH:
+                fd = True
                 p += 1
-            digits = p - digits
-            is_extended = digits == 8
-            if p >= stop or text[p] != _HASH or digits not in (3, 8):
-                code = IDENTIFIER
-            elif digits == 3 and number > 0x7FF:
-                code = STANDARD_RANGE
-            elif is_extended and number & ~_EXTENDED_MASK == _ERROR_FLAG:
-                sort = ERROR
-                number &= _EXTENDED_MASK
-            elif number > _EXTENDED_MASK:
-                code = EXTENDED_RANGE
-        if code == 0:
-            p += 1
-            if sort == DATA and p < stop and text[p] in (82, 114):
-                sort = REMOTE
-                code, p = _parse_request(text, p + 1, stop)
-            else:
-                if sort == DATA and p < stop and text[p] == _HASH:
-                    is_fd = True
-                    p += 1
-                    if p >= stop or _HEX[text[p]] == _NOT_HEX:
-                        code = FLAGS
-                    p += 1
-                if code == 0:
-                    code, p, k = _parse_payload(text, p, stop, is_fd, data, count)
-        if code == 0:
+                if p >= stop or HEX[text[p]] == NOT_HEX:
+                    code = FLAGS
+                p += 1
+            if code == FRAME:
+                code, p, size = _parse_payload(text, p, stop, fd, payload)
+                counts[LONGEST] = max(counts[LONGEST], size)
+        if code == FRAME:
             code, p = _parse_tail(text, p, stop)
-        if code == 0:
-            same = size == previous_stop - previous_start and previous >= 0
-            i = 0
-            while same and i < size:
-                same = text[name_start + i] == text[previous_start + i]
-                i += 1
-            if not same:
-                previous, known = _find_channel(text, name_start, name_stop, names, known)
-                previous_start, previous_stop = name_start, name_stop
-                if previous < 0:
-                    code, p = CHANNELS, name_start
-        if code != 0:
-            for i in range(k):
-                data[count, i] = 0
-            if code == -WIDE:
-                return position, line, count, known, rejections, WIDE
-            rejected[rejections, 0], rejected[rejections, 1] = line, code
-            rejected[rejections, 2], rejected[rejections, 3], rejected[rejections, 4] = start, stop, min(p, stop)
-            rejections += 1
+        if code == FRAME:
+            channel = channel_of(text, name, name_stop, names, counts)
+            if channel < 0:
+                code, p = CHANNELS, name
+        if code == FRAME:
+            row = counts[FRAMES]
+            times[row], channels[row], ids[row] = time, channel, identifier
+            extendeds[row], fds[row], kinds[row], lengths[row] = extended, fd, kind, size
+            enter_payload(words, size, data, long_data, counts)
         else:
-            time[count] = stamp
-            channel[count] = previous
-            identifier[count] = number
-            extended[count] = is_extended
-            fd[count] = is_fd
-            kind[count] = sort
-            length[count] = k
-            count += 1
-        position = end + 1
-        line += 1
-    return position, line, count, known, rejections, FULL
+            set_aside(lines, counts, number - 1, code, start, stop, min(p, stop))
+    return number
 
 
 @njit(cache=True, nogil=True)
@@ -329,23 +233,23 @@ def write(
         while seconds // 10**places:
             places += 1
         for k in range(places - 1, -1, -1):
-            text[p + k] = _ZERO + seconds % 10
+            text[p + k] = ZERO + seconds % 10
             seconds //= 10
         p += places
-        text[p] = _POINT
+        text[p] = POINT
         p += 1
         for k in range(digits - 1, -1, -1):
-            text[p + k] = _ZERO + fraction % 10
+            text[p + k] = ZERO + fraction % 10
             fraction //= 10
         p += digits
         text[p] = _CLOSE
-        text[p + 1] = _BLANK
+        text[p + 1] = BLANK
         p += 2
         size = int(names[channel[row], 0])
         for k in range(size):
             text[p + k] = names[channel[row], 1 + k]
         p += size
-        text[p] = _BLANK
+        text[p] = BLANK
         p += 1
         number = int(identifier[row]) | (_ERROR_FLAG if kind[row] == ERROR else 0)
         for k in range(7 if extended[row] or kind[row] == ERROR else 2, -1, -1):
@@ -359,7 +263,7 @@ def write(
         else:
             if fd[row]:
                 text[p] = _HASH
-                text[p + 1] = _ZERO
+                text[p + 1] = ZERO
                 p += 2
             for k in range(length[row]):
                 text[p] = _DIGITS[data[row, k] >> 4]

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...schemas.store import publish
 from .frames import FrameBatch
+from .text_log import LONGEST_NAME
 
 _CHUNK = 1 << 15
 
@@ -29,7 +30,7 @@ def write_candump(path: Path, batches: Iterable[FrameBatch]) -> int:
         ValueError: A frame cannot be written: a negative time, an identifier beyond its bits, a payload or the name of
             an interface too long.
     """
-    from .candump_lines import LONGEST_FRAME, LONGEST_NAME, write
+    from .candump_lines import LONGEST_FRAME, write
 
     text = np.empty(_CHUNK * LONGEST_FRAME, np.uint8)
     frames = 0

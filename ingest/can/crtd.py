@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from ..account import Account
 from .frames import FrameBatch
-from .text_log import Rows, read_frames
+from .text_log import read_frames
 
 REASONS = (
     "",
@@ -26,6 +25,7 @@ REASONS = (
     "the identifier is beyond 29 bits (1FFFFFFF)",
     "expected bytes of two hex digits as payload",
     "more than 8 bytes on a classic frame",
+    "too long for a line of such a log",
 )
 """What is said of a rejected line, by the codes of `crtd_lines`."""
 
@@ -64,18 +64,6 @@ class Crtd:
         Raises:
             InputError: The file cannot be read.
         """
-        yield from read_frames(self.path, account, _Dialect())
-
-
-class _Dialect:
-    reasons: ClassVar[tuple[str, ...]] = REASONS
-    bus: ClassVar[None] = None
-
-    def scan(self, text: npt.NDArray[np.uint8], position: int, rows: Rows) -> tuple[int, int, bool]:
         from .crtd_lines import scan
 
-        end: tuple[int, int, bool] = scan(text, position, rows)
-        return end
-
-    def enter(self, line: bytes) -> str:  # noqa: ARG002 - no line of CRTD is a header: `scan` never asks
-        return ""
+        yield from read_frames(self.path, account, scan, lambda code, _line: REASONS[code], np.zeros(0, np.int64))

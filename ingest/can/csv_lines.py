@@ -3,42 +3,62 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
+from ..text import LONGEST_LINE
 from .frames import DATA, ERROR, REMOTE
 from .text_fields import (
-    FD_LENGTHS,
+    EXTENDED_MASK,
     GOOD,
+    IS_FD_LENGTH,
     MOST_FIELDS,
     OUT_OF_RANGE,
+    POINT,
+    STANDARD_MASK,
+    ZERO,
+    Numbers,
+    Text,
+    bus_of,
+    channel_of,
+    clear,
     decimal,
-    hexadecimal,
+    enter_payload,
+    has_room,
+    is_direction,
     is_word,
     line_at,
-    natural,
+    number_at,
+    set_aside,
     split_commas,
+    word,
 )
-from .text_log import ACCEPTED, NO_RECORD, Rows
+from .text_log import FRAME, FRAMES, OPEN, OTHER, Found
 
 # Why a line is not a frame; `python_can_csv.REASONS` and `gvret_csv.REASONS` say it in words.
 MISSING, TIME, TIME_RANGE, IDENTIFIER, STANDARD_RANGE, EXTENDED_RANGE, FLAG, LENGTH, PAYLOAD, TAIL = range(1, 11)
-DIRECTION, BUS = 11, 12
-CLASSIC_LENGTH, FD_LENGTH, BOTH = 11, 12, 13
+DIRECTION, BUS, LONG = 11, 12, 13
+CLASSIC_LENGTH, FD_LENGTH, BOTH, LONG_PYTHON_CAN = 11, 12, 13, 14
 
 GVRET_COLUMNS = ("time stamp", "id", "extended", "dir", "bus", "len", "d1")
 ABSENT = -1
 _SHORTEST_HEADER = len("Time Stamp,ID,LEN")
 _TIME, _ID, _EXTENDED, _DIR, _BUS, _LEN, _D1 = range(7)
+PREVIOUS, TURNS, UNSTAMPED = 7, 8, 9
+"""The state of GVRET: for each of `GVRET_COLUMNS` which field of a line it is, or `ABSENT`, the payload the last; the
+last stamp; how often the counter passed its end, in µs; there was no stamp yet."""
+_TURN = 1 << 32
+_NEAR = 60_000_000
+"""µs between neighbouring stamps that a counter of 32 bits may have stepped over its end."""
 
-_ZERO, _PAD, _POINT, _X = 48, 61, 46, 120
+_PAD, _X = 61, 120
+_YES, _NO, _TRUE, _FALSE, _ONLY_BUS = word(b"1"), word(b"0"), word(b"true"), word(b"false"), word(b"0")
 _NOT_BASE64 = 64
 _BASE64 = np.full(256, _NOT_BASE64, np.int64)
 _BASE64[np.frombuffer(b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/", np.uint8)] = np.arange(64)
 
 
 @njit(cache=True, nogil=True)
-def _is_header(text: npt.NDArray[np.uint8], start: int, stop: int) -> bool:
+def _is_header(text: Text, start: int, stop: int) -> bool:
     """Tell whether a line starts as no row does, with a letter, a quotation mark or a byte order mark, and is long."""
     if stop - start < _SHORTEST_HEADER:
         return False
@@ -46,26 +66,26 @@ def _is_header(text: npt.NDArray[np.uint8], start: int, stop: int) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _parse_identifier(text: npt.NDArray[np.uint8], start: int, stop: int) -> int:
+def _parse_identifier(text: Text, start: int, stop: int) -> int:
     """Return the value of an identifier in hex digits with or without 0x; -1 if it is none."""
-    if stop - start > 2 and text[start] == _ZERO and text[start + 1] | 32 == _X:
+    if stop - start > 2 and text[start] == ZERO and text[start + 1] | 32 == _X:
         start += 2
-    number: int = hexadecimal(text, start, stop)
+    number: int = number_at(text, start, stop, 16)
     return number
 
 
 @njit(cache=True, nogil=True)
-def _parse_flag(text: npt.NDArray[np.uint8], start: int, stop: int) -> int:
+def _parse_flag(text: Text, start: int, stop: int) -> int:
     """Return 1 for true, 0 for false, -1 for neither."""
-    if is_word(text, start, stop, b"1") or is_word(text, start, stop, b"true"):
+    if is_word(text, start, stop, _YES) or is_word(text, start, stop, _TRUE):
         return 1
-    if is_word(text, start, stop, b"0") or is_word(text, start, stop, b"false"):
+    if is_word(text, start, stop, _NO) or is_word(text, start, stop, _FALSE):
         return 0
     return -1
 
 
 @njit(cache=True, nogil=True)
-def _parse_base64(text: npt.NDArray[np.uint8], start: int, stop: int, size: int, data: npt.NDArray[np.uint8]) -> bool:
+def _parse_base64(text: Text, start: int, stop: int, size: int, data: Text) -> bool:
     """Decode base64 into `data`; return whether it is that, and of `size` bytes."""
     if stop - start != (size + 2) // 3 * 4:
         return False
@@ -85,110 +105,124 @@ def _parse_base64(text: npt.NDArray[np.uint8], start: int, stop: int, size: int,
 
 
 @njit(cache=True, nogil=True)
-def scan_python_can(text: npt.NDArray[np.uint8], position: int, rows: Rows) -> tuple[int, int, bool]:
-    """Parse lines `timestamp,arbitration_id,extended,remote,error,dlc,data` as `Dialect.scan` does."""
+def scan_python_can(
+    text: Text,
+    ends: Numbers,
+    number: int,
+    final: bool,  # noqa: ARG001 - base64 of the right size is whole
+    found: Found,
+    state: Numbers,  # noqa: ARG001 - every line speaks for itself
+) -> int:
+    """Parse lines as `text_log.read_frames` wants it."""
+    times, channels, ids, extendeds, fds, kinds, lengths, data, long_data, names, lines, counts = found
     bounds = np.empty((MOST_FIELDS, 2), np.int64)
-    row = 0
-    while position < len(text) and row < len(rows.code):
-        start, stop, following = line_at(text, position)
-        if _is_header(text, start, stop):
-            return position, row, True
-        position = following
-        rows.start[row], rows.stop[row], rows.open[row] = start, stop, False
-        rows.bus[row] = 0
-        rows.data[row] = 0
+    words = np.zeros(8, np.uint64)
+    payload = words.view(np.uint8)
+    while number < len(ends) and has_room(times, lines, counts):
+        start, stop, width = line_at(text, ends, number)
+        number += 1
         if start == stop:
-            rows.code[row] = NO_RECORD
-            row += 1
             continue
+        if _is_header(text, start, stop):
+            set_aside(lines, counts, number - 1, OTHER, start, stop, stop)
+            return number
+        if width >= LONGEST_LINE:
+            set_aside(lines, counts, number - 1, LONG_PYTHON_CAN, start, stop, start)
+            continue
+        clear(words)
         count = split_commas(text, start, stop, bounds)
-        code, reached = ACCEPTED, stop
+        code, reached = FRAME, stop
         good, stamp = decimal(text, bounds[0, 0], bounds[0, 1], 9)
         if good != GOOD:
             code, reached = TIME_RANGE if good == OUT_OF_RANGE else TIME, bounds[0, 1]
-        number, flags = 0, 0
-        if code == ACCEPTED and count > 1:
-            number = _parse_identifier(text, bounds[1, 0], bounds[1, 1])
-            if number < 0:
+        identifier, flags = 0, 0
+        if code == FRAME and count > 1:
+            identifier = _parse_identifier(text, bounds[1, 0], bounds[1, 1])
+            if identifier < 0:
                 code, reached = IDENTIFIER, bounds[1, 1]
-            elif number > 0x1FFFFFFF:
+            elif identifier > EXTENDED_MASK:
                 code, reached = EXTENDED_RANGE, bounds[1, 1]
         for k in range(2, min(5, count)):
-            if code == ACCEPTED:
+            if code == FRAME:
                 flag = _parse_flag(text, bounds[k, 0], bounds[k, 1])
                 if flag < 0:
                     code, reached = FLAG, bounds[k, 1]
                 flags |= flag << k
         extended, remote, error = flags & 4 != 0, flags & 8 != 0, flags & 16 != 0
-        if code == ACCEPTED and count > 4 and not extended and not error and number > 0x7FF:
+        if code == FRAME and count > 4 and not extended and not error and identifier > STANDARD_MASK:
             code, reached = STANDARD_RANGE, bounds[2, 0]
-        elif code == ACCEPTED and remote and error:
+        elif code == FRAME and remote and error:
             code, reached = BOTH, bounds[4, 0]
         size = 0
-        if code == ACCEPTED and count > 5:
-            size = natural(text, bounds[5, 0], bounds[5, 1])
+        if code == FRAME and count > 5:
+            size = number_at(text, bounds[5, 0], bounds[5, 1], 10)
             if not 0 <= size <= 64:
                 code, reached = LENGTH, bounds[5, 1]
             elif (remote or error) and size > 8:
                 code, reached = CLASSIC_LENGTH, bounds[5, 1]
-            elif not FD_LENGTHS[size]:
+            elif not IS_FD_LENGTH[size]:
                 code, reached = FD_LENGTH, bounds[5, 1]
-        if code == ACCEPTED and count < 7:
+        if code == FRAME and count < 7:
             code = MISSING
-        if code == ACCEPTED:
+        if code == FRAME:
             size = 0 if remote else size
-            if not _parse_base64(text, bounds[6, 0], bounds[6, 1], size, rows.data[row]):
+            if not _parse_base64(text, bounds[6, 0], bounds[6, 1], size, payload):
                 code, reached = PAYLOAD, bounds[6, 1]
             elif count > 7:
                 code, reached = TAIL, bounds[6, 1]
-        rows.time[row] = stamp
-        rows.id[row] = max(number, 0)
-        rows.extended[row] = extended
-        rows.fd[row] = size > 8
-        rows.kind[row] = REMOTE if remote else ERROR if error else DATA
-        rows.length[row] = max(0, min(size, 64))
-        rows.code[row], rows.reached[row] = code, reached
-        row += 1
-    return position, row, False
+        if code == FRAME:
+            row = counts[FRAMES]
+            times[row], channels[row], ids[row] = stamp, channel_of(text, 0, 0, names, counts), identifier
+            extendeds[row], fds[row], lengths[row] = extended, size > 8, size
+            kinds[row] = REMOTE if remote else ERROR if error else DATA
+            enter_payload(words, size, data, long_data, counts)
+        else:
+            set_aside(lines, counts, number - 1, code, start, stop, reached)
+    return number
 
 
 @njit(cache=True, nogil=True)
-def scan_gvret(
-    text: npt.NDArray[np.uint8], position: int, rows: Rows, place: npt.NDArray[np.int64]
-) -> tuple[int, int, bool]:
-    """Parse lines of SavvyCAN as `Dialect.scan` does.
+def _unwrap(stamp: int, state: Numbers) -> int:
+    """Let the stamps of a counter of 32 bits go on where it passed its end, in either direction; return µs."""
+    step = 0 if state[UNSTAMPED] == 1 else stamp - state[PREVIOUS]
+    shortest = (step + _TURN // 2) % _TURN - _TURN // 2
+    if _TURN // 2 < abs(step) < _TURN and abs(shortest) <= _NEAR:
+        state[TURNS] += shortest - step
+    state[PREVIOUS], state[UNSTAMPED] = stamp, 0
+    return stamp + int(state[TURNS])
 
-    Args:
-        text: Whole lines.
-        position: Where one starts.
-        rows: What is filled; times are the stamps as they stand there, in µs.
-        place: For each of `GVRET_COLUMNS` which field of a line it is, or `ABSENT`; the payload stands last.
-    """
+
+@njit(cache=True, nogil=True)
+def scan_gvret(text: Text, ends: Numbers, number: int, final: bool, found: Found, state: Numbers) -> int:
+    """Parse lines as `text_log.read_frames` wants it."""
+    times, channels, ids, extendeds, fds, kinds, lengths, data, long_data, names, lines, counts = found
     bounds = np.empty((MOST_FIELDS, 2), np.int64)
-    row = 0
-    while position < len(text) and row < len(rows.code):
-        start, stop, following = line_at(text, position)
-        if _is_header(text, start, stop):
-            return position, row, True
-        position = following
-        rows.start[row], rows.stop[row], rows.open[row] = start, stop, False
-        rows.data[row] = 0
+    words = np.zeros(8, np.uint64)
+    payload = words.view(np.uint8)
+    while number < len(ends) and has_room(times, lines, counts):
+        start, stop, width = line_at(text, ends, number)
+        number += 1
         if start == stop:
-            rows.code[row] = NO_RECORD
-            row += 1
             continue
+        if _is_header(text, start, stop):
+            set_aside(lines, counts, number - 1, OTHER, start, stop, stop)
+            return number
+        if width >= LONGEST_LINE:
+            set_aside(lines, counts, number - 1, LONG, start, stop, start)
+            continue
+        clear(words)
         count = split_commas(text, start, stop, bounds)
-        code, reached, stamp, number, extended, bus, size, present = ACCEPTED, stop, 0, 0, 0, 0, 0, 0
-        for k in range(min(count, place[_D1])):
-            if code != ACCEPTED:
+        code, reached, stamp, identifier, extended, size, present = FRAME, stop, 0, 0, 0, 0, 0
+        for k in range(min(count, state[_D1])):
+            if code != FRAME:
                 break
             first, last = bounds[k, 0], bounds[k, 1]
             reached = last
-            if k == place[_TIME]:
+            if k == state[_TIME]:
                 # A stamp is an integer: with a point it is not in µs, and what it is in cannot be known.
                 is_integer = True
                 for p in range(first, last):
-                    is_integer = is_integer and (text[p] < 58 and text[p] != _POINT)
+                    is_integer = is_integer and (text[p] < 58 and text[p] != POINT)
                 good, stamp = decimal(text, first, last, 0)
                 if good == GOOD and not is_integer:
                     code = TIME
@@ -196,40 +230,39 @@ def scan_gvret(
                     code = TIME_RANGE
                 elif good != GOOD:
                     code = TIME
-            elif k == place[_ID]:
-                number = _parse_identifier(text, first, last)
-                if number < 0:
+            elif k == state[_ID]:
+                identifier = _parse_identifier(text, first, last)
+                if identifier < 0:
                     code = IDENTIFIER
-                elif number > 0x1FFFFFFF:
+                elif identifier > EXTENDED_MASK:
                     code = EXTENDED_RANGE
-            elif k == place[_EXTENDED]:
+            elif k == state[_EXTENDED]:
                 extended = _parse_flag(text, first, last)
                 if extended < 0:
                     code = FLAG
-            elif k == place[_DIR]:
-                if first < last and not (is_word(text, first, last, b"rx") or is_word(text, first, last, b"tx")):
+            elif k == state[_DIR]:
+                if first < last and not is_direction(text, first, last):
                     code = DIRECTION
-            elif k == place[_BUS]:
-                bus = natural(text, first, last)
-                if not 0 <= bus <= 255:
+            elif k == state[_BUS]:
+                if not 0 <= number_at(text, first, last, 10) <= 255:
                     code = BUS
-            elif k == place[_LEN]:
-                size = natural(text, first, last)
-                if not 0 <= size <= 64 or not FD_LENGTHS[size]:
+            elif k == state[_LEN]:
+                size = number_at(text, first, last, 10)
+                if not 0 <= size <= 64 or not IS_FD_LENGTH[size]:
                     code = LENGTH
-        if code == ACCEPTED and (count < place[_D1] or (count == place[_D1] and size > 0)):
+        if code == FRAME and (count < state[_D1] or (count == state[_D1] and size > 0)):
             code, reached = MISSING, stop
-        if code == ACCEPTED and extended == 0 and number > 0x7FF:
-            code, reached = STANDARD_RANGE, bounds[place[_ID], 0]
+        if code == FRAME and extended == 0 and identifier > STANDARD_MASK:
+            code, reached = STANDARD_RANGE, bounds[state[_ID], 0]
         ended = False
-        for k in range(place[_D1], count):
-            if code != ACCEPTED:
+        for k in range(state[_D1], count):
+            if code != FRAME:
                 break
             first, last = bounds[k, 0], bounds[k, 1]
             if first == last:
                 ended = True
                 continue
-            value = hexadecimal(text, first, last)
+            value = number_at(text, first, last, 16)
             reached = last
             if value < 0 or last - first > 2 or ended:
                 code = PAYLOAD
@@ -238,18 +271,21 @@ def scan_gvret(
                 if value != 0:
                     code = TAIL
             else:
-                rows.data[row, present] = value
+                payload[present] = value
                 present += 1
-        if code == ACCEPTED and count <= place[_D1] + size:
-            final = bounds[count - 1, 1] - bounds[count - 1, 0]
-            rows.open[row] = present < size or (size > 0 and final < 2)
-        rows.time[row] = stamp
-        rows.bus[row] = bus
-        rows.id[row] = max(number, 0)
-        rows.extended[row] = extended > 0
-        rows.fd[row] = size > 8
-        rows.kind[row] = DATA
-        rows.length[row] = present
-        rows.code[row], rows.reached[row] = code, reached
-        row += 1
-    return position, row, False
+        if code == FRAME and final and count <= state[_D1] + size:
+            last_digits = bounds[count - 1, 1] - bounds[count - 1, 0]
+            if present < size or (size > 0 and last_digits < 2):
+                code, reached = OPEN, stop
+        if code == FRAME:
+            row, bus = counts[FRAMES], state[_BUS]
+            if bus == ABSENT:
+                channels[row] = bus_of(_ONLY_BUS, 0, 1, names, counts)
+            else:
+                channels[row] = bus_of(text, bounds[bus, 0], bounds[bus, 1], names, counts)
+            times[row], ids[row], extendeds[row] = _unwrap(stamp, state) * 1000, identifier, extended > 0
+            fds[row], kinds[row], lengths[row] = size > 8, DATA, present
+            enter_payload(words, present, data, long_data, counts)
+        else:
+            set_aside(lines, counts, number - 1, code, start, stop, reached)
+    return number

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from ..account import Account
 from .frames import FrameBatch
-from .text_log import ACCEPTED, Rows, read_frames
+from .text_log import OTHER, read_frames
 
 REASONS = (
     "",
@@ -28,12 +27,9 @@ REASONS = (
     "more bytes than LEN says, and not zeros that only fill the columns",
     "expected the direction Rx or Tx, or nothing",
     "expected the number of the bus, 0 to 255",
+    "too long for a line of such a log",
 )
 """What is said of a rejected line, by the codes of `csv_lines`."""
-
-_TURN = 1 << 32
-_NEAR = 60_000_000
-"""µs between neighbouring stamps that a counter of 32 bits may have stepped over its end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,55 +67,31 @@ class GvretCsv:
         Raises:
             InputError: The file cannot be read, or its header lacks columns.
         """
-        yield from read_frames(self.path, account, _Dialect())
+        from .csv_lines import ABSENT, GVRET_COLUMNS, scan_gvret
+
+        state = np.array([*range(len(GVRET_COLUMNS)), 0, 0, 1])
+
+        def judge(code: int, line: bytes) -> str:
+            if code != OTHER:
+                return REASONS[code]
+            names = _column_names(line.removeprefix(b"\xef\xbb\xbf"))
+            if not {"time stamp", "id", "len"} & {*names}:
+                return "expected a row that starts with a time stamp, or the header"
+            missing = [name for name in GVRET_COLUMNS if name not in names and name not in {"dir", "bus"}]
+            if missing:
+                raise ValueError(
+                    f"the header lacks the columns {', '.join(missing)}; expected one such as "
+                    "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8"
+                )
+            place = [names.index(name) if name in names else ABSENT for name in GVRET_COLUMNS]
+            if place[-1] < max(place):
+                raise ValueError("the header has columns behind D1 that are not bytes; put them before it")
+            state[: len(place)] = place
+            return ""
+
+        yield from read_frames(self.path, account, scan_gvret, judge, state)
 
 
 def _column_names(line: bytes) -> list[str]:
     names = (name.strip(' "\t\r').lower() for name in line.decode("ascii", "replace").split(","))
     return ["time stamp" if name == "timestamp" else name for name in names]
-
-
-@dataclass(slots=True)
-class _Dialect:
-    reasons: ClassVar[tuple[str, ...]] = REASONS
-    bus: ClassVar[None] = None
-
-    place: list[int] = field(default_factory=lambda: [*range(7)])
-    previous: int | None = None
-    turns: int = 0
-
-    def scan(self, text: npt.NDArray[np.uint8], position: int, rows: Rows) -> tuple[int, int, bool]:
-        from .csv_lines import scan_gvret
-
-        end: tuple[int, int, bool] = scan_gvret(text, position, rows, np.array(self.place, np.int64))
-        accepted = np.flatnonzero(rows.code[: end[1]] == ACCEPTED)
-        if len(accepted):
-            rows.time[accepted] = self._unwrap(rows.time[accepted]) * 1000
-        return end
-
-    def _unwrap(self, stamp: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-        """Let stamps (n,) of a counter of 32 bits go on where it passed its end, in either direction."""
-        step = np.diff(stamp, prepend=stamp[0] if self.previous is None else self.previous)
-        shortest = (step + _TURN // 2) % _TURN - _TURN // 2
-        passed = (np.abs(step) > _TURN // 2) & (np.abs(step) < _TURN) & (np.abs(shortest) <= _NEAR)
-        turns = self.turns + np.cumsum(np.where(passed, (shortest - step) // _TURN, 0))
-        self.previous, self.turns = int(stamp[-1]), int(turns[-1])
-        unwrapped: npt.NDArray[np.int64] = stamp + turns * _TURN
-        return unwrapped
-
-    def enter(self, line: bytes) -> str:
-        from .csv_lines import ABSENT, GVRET_COLUMNS
-
-        names = _column_names(line.removeprefix(b"\xef\xbb\xbf"))
-        if not {"time stamp", "id", "len"} & {*names}:
-            return "expected a row that starts with a time stamp, or the header"
-        missing = [name for name in GVRET_COLUMNS if name not in names and name not in {"dir", "bus"}]
-        if missing:
-            raise ValueError(
-                f"the header lacks the columns {', '.join(missing)}; expected one such as "
-                "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8"
-            )
-        self.place = [names.index(name) if name in names else ABSENT for name in GVRET_COLUMNS]
-        if self.place[-1] < max(self.place):
-            raise ValueError("the header has columns behind D1 that are not bytes; put them before it")
-        return ""

@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from ..account import Account
 from .frames import FrameBatch
-from .text_log import Rows, read_frames
+from .text_log import OTHER, read_frames
 
 HEADER = b"timestamp,arbitration_id,extended,remote,error,dlc,data"
 
@@ -31,6 +30,7 @@ REASONS = (
     "more than 8 bytes on a remote or error frame",
     "no CAN FD frame has this many bytes (only 0 to 8, 12, 16, 20, 24, 32, 48, 64)",
     "a frame cannot be remote frame and error frame at once",
+    "too long for a line of such a log",
 )
 """What is said of a rejected line, by the codes of `csv_lines`."""
 
@@ -64,18 +64,11 @@ class PythonCanCsv:
         Raises:
             InputError: The file cannot be read.
         """
-        yield from read_frames(self.path, account, _Dialect())
-
-
-class _Dialect:
-    reasons: ClassVar[tuple[str, ...]] = REASONS
-    bus: ClassVar[str] = ""
-
-    def scan(self, text: npt.NDArray[np.uint8], position: int, rows: Rows) -> tuple[int, int, bool]:
         from .csv_lines import scan_python_can
 
-        end: tuple[int, int, bool] = scan_python_can(text, position, rows)
-        return end
+        def judge(code: int, line: bytes) -> str:
+            if code != OTHER:
+                return REASONS[code]
+            return "" if line == HEADER else f"expected a row of numbers, or the header {HEADER.decode()}"
 
-    def enter(self, line: bytes) -> str:
-        return "" if line == HEADER else f"expected a row of numbers, or the header {HEADER.decode()}"
+        yield from read_frames(self.path, account, scan_python_can, judge, np.zeros(0, np.int64))

@@ -1,11 +1,10 @@
-"""CAN logs of lines: the whole lines in a file's blocks, frames into batches, everything else into the account."""
+"""CAN logs of lines: the walk through a file, frames into batches, everything else into the account."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,235 +12,187 @@ import numpy.typing as npt
 from ...schemas.errors import InputError
 from ..account import Account
 from ..content import blocks
+from ..text import LONGEST_LINE, quote
 from .frames import FrameBatch
 
+BATCH = 1 << 18
+"""Frames of a batch, at most."""
 BLOCK = 1 << 20
 """Bytes of text looked at at once."""
-LINES = 1 << 16
-"""Lines looked at at once: as many frames can be in a batch."""
-LONGEST_LINE = 1 << 16
+LONGEST_NAME = 32
+MOST_CHANNELS = 256
 
-ACCEPTED, NO_RECORD = 0, -1
-"""`Rows.code` of a line that is a frame, and of one that is no record: blank, or a remark."""
+FRAME, NO_RECORD, OPEN, OTHER = 0, -1, -2, -3
+"""What a line is, beside the format's own codes (1 and more) of why it is none: a frame; no record; a frame only if its
+line has an end, which it lacks; a line for the format's `judge`, a header as a rule."""
+
+FRAMES, CHANNELS, LINES, LONGEST = range(4)
+"""The places of `Found.counts`: frames, names of channels, lines that are no frames, bytes of the longest payload."""
+
+_SET_ASIDE = 1024
+_ENDS = "the file ends within this line"
+
+Scan = Callable[[npt.NDArray[np.uint8], npt.NDArray[np.int64], int, bool, "Found", npt.NDArray[np.int64]], int]
+Judge = Callable[[int, bytes], str]
 
 
-class Rows(NamedTuple):
-    """What the lines of a piece of text hold, a row for each (n,); frames as in `FrameBatch`.
+class Found(NamedTuple):
+    """What the lines of a log hold, as far as it has not been passed on; see `text_fields` for how it is filled.
 
     Attributes:
-        time: int64, ns.
-        bus: int16, number of the bus; it becomes the channel's name.
-        id: uint32.
-        extended: bool.
-        fd: bool.
-        kind: uint8.
-        length: uint8.
-        data: uint8 (n, 64).
-        code: int16, `ACCEPTED`, `NO_RECORD`, or the index of the reason why the line is no frame.
-        start: int64, where the line starts in the text, blanks passed over.
-        stop: int64, where it ends, without blanks.
-        reached: int64, where parsing a rejected line ended: at `stop` where the line may only lack its rest.
-        open: bool, a frame that is known to be whole only if its line has an end.
+        time: (`BATCH`,), this and the following ones as in `FrameBatch`.
+        channel: (`BATCH`,), rows of `names`.
+        id: (`BATCH`,).
+        extended: (`BATCH`,).
+        fd: (`BATCH`,).
+        kind: (`BATCH`,).
+        length: (`BATCH`,).
+        data: uint64 (`BATCH`,), the first 8 bytes of the payloads.
+        long_data: uint64 (`BATCH`, 8), payloads that are longer, 64 bytes. It takes memory only where there are some.
+        names: (`MOST_CHANNELS`, 1 + `LONGEST_NAME`), a row is the length of a channel's name and its bytes.
+        lines: int64 (n, 5), those that are no frames: number (0 is the first of the text), code, where the line starts
+            and stops in the text without blanks, and where parsing ended: at the stop where it may only lack its rest.
+        counts: int64 (4,), see `FRAMES`.
     """
 
     time: npt.NDArray[np.int64]
-    bus: npt.NDArray[np.int16]
+    channel: npt.NDArray[np.int16]
     id: npt.NDArray[np.uint32]
     extended: npt.NDArray[np.bool_]
     fd: npt.NDArray[np.bool_]
     kind: npt.NDArray[np.uint8]
     length: npt.NDArray[np.uint8]
-    data: npt.NDArray[np.uint8]
-    code: npt.NDArray[np.int16]
-    start: npt.NDArray[np.int64]
-    stop: npt.NDArray[np.int64]
-    reached: npt.NDArray[np.int64]
-    open: npt.NDArray[np.bool_]
+    data: npt.NDArray[np.uint64]
+    long_data: npt.NDArray[np.uint64]
+    names: npt.NDArray[np.uint8]
+    lines: npt.NDArray[np.int64]
+    counts: npt.NDArray[np.int64]
 
 
-class Dialect(Protocol):
-    """How the lines of one format are read; it lives as long as one file is read."""
+def read_frames(
+    path: Path, account: Account, scan: Scan, judge: Judge, state: npt.NDArray[np.int64]
+) -> Iterator[FrameBatch]:
+    """Yield the frames of a log in the order of its lines, up to `BATCH` at a time, and count all records in `account`.
 
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """What is said of a rejected line, by `Rows.code`."""
-        ...
-
-    @property
-    def bus(self) -> str | None:
-        """Name of the only bus where the log names none; None: the numbers in `Rows.bus` are the names."""
-        ...
-
-    def scan(self, text: npt.NDArray[np.uint8], position: int, rows: Rows) -> tuple[int, int, bool]:
-        """Fill `rows` from the lines of `text` (whole ones) from `position` on.
-
-        Returns:
-            Where it ended (a line starts there, or the text ends), how many rows are filled, and whether it ended
-            because the next line is one for `enter`.
-        """
-        ...
-
-    def enter(self, line: bytes) -> str:
-        """Take note of a header line.
-
-        Returns:
-            Why it is rejected; empty if it is not.
-
-        Raises:
-            ValueError: Nothing after this line can be read; the message says why.
-        """
-        ...
-
-
-@dataclass(slots=True)
-class _Place:
-    """Where in the file the text is: its first line, and whether its last line lacks its end."""
-
-    line: int = 1
-    ended: bool = False
-
-
-def read_frames(path: Path, account: Account, dialect: Dialect) -> Iterator[FrameBatch]:
-    """Yield the frames of a log in the order of its lines and count every line that is a record in `account`.
-
-    A last line without line end is a frame if it is sure to be whole; else it is rejected, and the file is
-    `truncated`.
+    Payloads have 8 columns, or 64 where the batch met a longer one. A last line without line end is a frame if it is
+    sure to be a whole one; if it only lacks its rest it is rejected and the file is `truncated`. So is a compressed
+    file that ends early; of a damaged one everything before the damage is delivered.
 
     Args:
         path: The log, plain or compressed.
-        account: Of the file.
-        dialect: A new one: what it learns from the header is the file's.
+        account: Of the log.
+        scan: The format's lines, compiled: `scan(text, ends, number, final, found, state)` parses whole lines from
+            `number` on into `found` until it is full or after a line that may change the `state`; returns the next
+            number. `ends` are the places of the line ends; `final` says that the (only) line's own is not in the file.
+        judge: Tells by code and line why it is rejected, "" if it is no record. It raises ValueError with a reason if
+            nothing after this line can be read, and may change the `state`.
+        state: What the lines so far tell about those that follow.
 
     Raises:
         InputError: The file cannot be read, or its header says that its lines cannot.
     """
-    rows, place = _rows(LINES), _Place()
-    for content in _whole_lines(path, account, place):
-        text, position = np.frombuffer(content, np.uint8), 0
-        while position < len(text):
-            position, count, header = dialect.scan(text, position, rows)
-            if place.ended and count and position == len(text):
-                _judge_last(rows, count - 1, account)
-            _account(rows, count, content, dialect, place, account)
-            accepted = np.flatnonzero(rows.code[:count] == ACCEPTED)
-            if len(accepted):
-                account.accepted += len(accepted)
-                yield _batch(rows, accepted, dialect.bus)
-            place.line += count
-            if header:
-                end = content.index(b"\n", position)
-                _enter(dialect, content[position:end], path, place, account, last=end + 1 == len(content))
-                position = end + 1
-                place.line += 1
+    from .text_fields import line_ends
 
-
-def _rows(n: int) -> Rows:
-    return Rows(
-        time=np.zeros(n, np.int64),
-        bus=np.zeros(n, np.int16),
-        id=np.zeros(n, np.uint32),
-        extended=np.zeros(n, np.bool_),
-        fd=np.zeros(n, np.bool_),
-        kind=np.zeros(n, np.uint8),
-        length=np.zeros(n, np.uint8),
-        data=np.zeros((n, 64), np.uint8),
-        code=np.zeros(n, np.int16),
-        start=np.zeros(n, np.int64),
-        stop=np.zeros(n, np.int64),
-        reached=np.zeros(n, np.int64),
-        open=np.zeros(n, np.bool_),
-    )
-
-
-def _whole_lines(path: Path, account: Account, place: _Place) -> Iterator[bytes]:
-    """Yield the content in pieces that end with a line end; to the last line one is added.
-
-    Lines that are longer than any can be are rejected here, so that not more than one block has to be held.
-    """
-    carry, skipping = b"", False
-    content = blocks(path, account, BLOCK)
-    while True:
-        try:
-            block = next(content)
-        except StopIteration as end:
-            whole = end.value
+    found, first, carry = _nothing_found(), 1, b""
+    for block in _pieces(path, account):
+        if block is None:
+            if carry.strip():
+                account.truncated = True
+                account.reject(f"line {first}", f"{_ENDS}; found {quote(carry.strip())}")
             break
-        if skipping:
-            found = block.find(b"\n")
-            if found < 0:
-                continue
-            block, skipping = block[found + 1 :], False
-            place.line += 1
-        stop = block.rfind(b"\n") + 1
-        if stop:
-            yield carry + block[:stop]
-            carry = b""
-        carry += block[stop:]
-        if len(carry) > LONGEST_LINE:
-            account.reject(f"line {place.line}", f"too long for a line of such a log; found {quote(carry)}")
-            carry, skipping = b"", True
-    if whole and carry:
-        place.ended = True
-        yield carry + b"\n"
-    elif carry.strip():
-        account.truncated = True
-        account.reject(f"line {place.line}", f"the file ends within this line; found {quote(carry.strip())}")
+        content, final = carry + (block or b"\n"), not block
+        text = np.frombuffer(content, np.uint8)
+        ends, number = np.empty(len(text) + 1, np.int64), 0
+        ends = ends[: line_ends(text, ends)]
+        while number < len(ends):
+            number = scan(text, ends, number, final, found, state)
+            for line, code, start, stop, reached in found.lines[: found.counts[LINES]].tolist():
+                where, cut = f"line {first + line}", final and reached == stop
+                reason = _reason(path, where, judge, code, content[start:stop], cut)
+                if reason:
+                    account.truncated |= cut
+                    account.reject(where, reason)
+            found.counts[LINES] = 0
+            if found.counts[FRAMES] == BATCH:
+                yield _take(found, account)
+                found = _nothing_found(found)
+        # Of a line that is too long enough is kept to reject it when its end comes.
+        carry = content[ends[-1] + 1 if len(ends) else 0 :][:LONGEST_LINE]
+        first += len(ends)
+    if found.counts[FRAMES]:
+        yield _take(found, account)
 
 
-def _judge_last(rows: Rows, last: int, account: Account) -> None:
-    """Mark the file as truncated where its last line, which has no line end, is or may be a part only."""
-    if rows.code[last] == ACCEPTED and rows.open[last]:
-        rows.code[last], rows.reached[last] = 1, rows.stop[last]
-    if rows.code[last] > 0 and rows.reached[last] == rows.stop[last]:
-        account.truncated = True
+def go_back(seconds: list[tuple[bytes, bytes]]) -> bool:
+    """Tell whether stamps go back so often (at one step in ten) that each must count from the one before it.
+
+    Args:
+        seconds: The stamps in the order of the file: digits before and behind the point.
+    """
+    stamps = np.array([int(whole) * 10**9 + int(fraction.ljust(9, b"0")) for whole, fraction in seconds], np.int64)
+    return len(stamps) > 1 and bool(np.mean(np.diff(stamps) < 0) > 0.1)
 
 
-def _account(rows: Rows, count: int, content: bytes, dialect: Dialect, place: _Place, account: Account) -> None:
-    for row in np.flatnonzero(rows.code[:count] > 0).tolist():
-        start, stop = int(rows.start[row]), int(rows.stop[row])
-        reason = dialect.reasons[rows.code[row]]
-        # Only the last line can be looked at after the end, so what it lacks is what the file lacks.
-        if place.ended and stop == rows.reached[row]:
-            reason = (
-                "the file ends within this line, or behind a byte of it that may not be its last"
-                if rows.open[row]
-                else f"the file ends within this line: {reason}"
-            )
-        account.reject(f"line {place.line + row}", f"{reason}; found {quote(content[start:stop])}")
+def _pieces(path: Path, account: Account) -> Iterator[bytes | None]:
+    """Yield the log's text, then nothing: `b""` at the end of the log, None where it breaks off."""
+    whole = yield from blocks(path, account, BLOCK)
+    yield b"" if whole else None
 
 
-def _enter(dialect: Dialect, line: bytes, path: Path, place: _Place, account: Account, *, last: bool) -> None:
-    where, cut = f"line {place.line}", place.ended and last
-    try:
-        reason = dialect.enter(line.strip())
-    except ValueError as error:
-        if not cut:
-            raise InputError(path, where, f"{error}; found {quote(line.strip())}") from None
-        reason = str(error)
-    if reason:
-        if cut:
-            account.truncated = True
-            reason = f"the file ends within this line: {reason}"
-        account.reject(where, f"{reason}; found {quote(line.strip())}")
-
-
-def _batch(rows: Rows, accepted: npt.NDArray[np.intp], bus: str | None) -> FrameBatch:
-    length = rows.length[accepted]
-    numbers, channel = np.unique(rows.bus[accepted], return_inverse=True)
-    return FrameBatch(
-        time=rows.time[accepted],
-        channel=channel.astype(np.int16),
-        channels=tuple(str(number) for number in numbers.tolist()) if bus is None else (bus,),
-        id=rows.id[accepted],
-        extended=rows.extended[accepted],
-        fd=rows.fd[accepted],
-        kind=rows.kind[accepted],
-        length=length,
-        data=rows.data[:, : 8 if length.max() <= 8 else 64][accepted],
+def _nothing_found(before: Found | None = None) -> Found:
+    """Return an empty `Found`, which goes on with the channels of the one `before`."""
+    names = np.zeros((MOST_CHANNELS, 1 + LONGEST_NAME), np.uint8) if before is None else before.names
+    counts = np.zeros(4, np.int64) if before is None else before.counts
+    counts[[FRAMES, LONGEST]] = 0
+    return Found(
+        time=np.zeros(BATCH, np.int64),
+        channel=np.zeros(BATCH, np.int16),
+        id=np.zeros(BATCH, np.uint32),
+        extended=np.zeros(BATCH, np.bool_),
+        fd=np.zeros(BATCH, np.bool_),
+        kind=np.zeros(BATCH, np.uint8),
+        length=np.zeros(BATCH, np.uint8),
+        data=np.zeros(BATCH, np.uint64),
+        long_data=np.zeros((BATCH, 8), np.uint64),
+        names=names,
+        lines=np.empty((_SET_ASIDE, 5), np.int64),
+        counts=counts,
     )
 
 
-def quote(line: bytes) -> str:
-    """Return a line as a message shows it: its first 80 bytes, what cannot be printed escaped."""
-    text = line[:80].decode("ascii", "backslashreplace")
-    return f"{text!r}" if len(line) <= 80 else f"{text!r} and more"
+def _reason(path: Path, where: str, judge: Judge, code: int, line: bytes, cut: bool) -> str:
+    """Return why a line is rejected, with the line itself; "" if it is not.
+
+    Only the last line can be looked at after the end, so what it lacks is what the file lacks.
+    """
+    if code == OPEN:
+        return f"{_ENDS}, or behind a byte of it that may not be its last; found {quote(line)}"
+    try:
+        reason = judge(code, line)
+    except ValueError as error:
+        reason = str(error)
+        if not cut:
+            raise InputError(path, where, f"{reason}; found {quote(line)}") from None
+    return reason and f"{_ENDS}: " * cut + f"{reason}; found {quote(line)}"
+
+
+def _take(found: Found, account: Account) -> FrameBatch:
+    """Return the frames that were found as a batch."""
+    count = int(found.counts[FRAMES])
+    account.accepted += count
+    data = found.data[:count, None]
+    if found.counts[LONGEST] > 8:
+        found.long_data[:count, 0] = found.data[:count]
+        data = found.long_data[:count]
+    names = found.names[: found.counts[CHANNELS]]
+    return FrameBatch(
+        time=found.time[:count],
+        channel=found.channel[:count],
+        channels=tuple(row[1 : 1 + row[0]].tobytes().decode("utf-8", "backslashreplace") for row in names),
+        id=found.id[:count],
+        extended=found.extended[:count],
+        fd=found.fd[:count],
+        kind=found.kind[:count],
+        length=found.length[:count],
+        data=data.view(np.uint8),
+    )

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from ..account import Account
 from .frames import FrameBatch
-from .text_log import Rows, read_frames
+from .text_log import OTHER, read_frames
 
 REASONS = (
     "",
@@ -33,6 +33,7 @@ REASONS = (
     "expected bytes of two hex digits as payload",
     "fewer bytes than the data length says",
     "more bytes than the data length says",
+    "too long for a line of such a log",
 )
 """What is said of a rejected line, by the codes of `trc_lines`."""
 
@@ -110,33 +111,41 @@ class Trc:
             InputError: The file cannot be read; its version is none of 1.0 to 2.1, its start or its columns cannot
                 be understood.
         """
-        yield from read_frames(self.path, account, _Header())
+        from .trc_lines import scan
+
+        header = _Header()
+        yield from read_frames(self.path, account, scan, header.judge, header.state)
 
 
 @dataclass(slots=True)
 class _Header:
-    """What the header has said so far, and the lines read by it."""
-
-    reasons: ClassVar[tuple[str, ...]] = REASONS
-    bus: ClassVar[None] = None
+    """What the header has said so far, and the `state` that `trc_lines` has of it."""
 
     columns: list[str] = field(default_factory=lambda: VERSIONS["1.0"].split(","))
     version: str = "1.0"
     start: int = 0
     exact_start: bool = False
+    state: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(12, np.int64))
 
-    def scan(self, text: npt.NDArray[np.uint8], position: int, rows: Rows) -> tuple[int, int, bool]:
-        from .trc_lines import ABSENT, COLUMNS, scan
+    def __post_init__(self) -> None:
+        self._tell()
+
+    def _tell(self) -> None:
+        from .trc_lines import ABSENT, COLUMNS
 
         letters = [letter.replace("l", "L") for letter in self.columns]
         place = [letters.index(letter) if letter in letters else ABSENT for letter in COLUMNS]
-        is_code, directions = "L" in self.columns, self.version.startswith("1.")
-        end: tuple[int, int, bool] = scan(
-            text, position, rows, np.array(place, np.int64), is_code, directions, self.start
-        )
-        return end
+        self.state[:] = (*place, "L" in self.columns, self.version.startswith("1."), self.start)
 
-    def enter(self, line: bytes) -> str:
+    def judge(self, code: int, line: bytes) -> str:
+        """Return why a line is rejected; of a line of the header take note."""
+        if code != OTHER:
+            return REASONS[code]
+        self._enter(line)
+        self._tell()
+        return ""
+
+    def _enter(self, line: bytes) -> None:
         if match := _VERSION.match(line):
             self.version = match[1].decode("ascii", "backslashreplace")
             if self.version not in VERSIONS:
@@ -150,7 +159,6 @@ class _Header:
                 self.version = "2.0"
         elif not self.exact_start and (match := _WRITTEN_START.match(line)):
             self.start = _parse_written_start(match)
-        return ""
 
 
 def _parse_days(days: str) -> int:

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wheelprint.ingest.account import Account
-from wheelprint.ingest.can import candump
+from wheelprint.ingest.can import candump, text_log
 from wheelprint.ingest.can.candump import Candump
 from wheelprint.ingest.can.candump_writer import write_candump
 from wheelprint.ingest.can.frames import DATA, ERROR, KINDS, REMOTE, FrameBatch
@@ -291,8 +291,8 @@ def test_blocks_and_batches_cut_nothing(
         b"(1.5) can0 006##1" + b"66" * 9,
         b"(1.5) can0 007#1122334455667788",
     ]
-    monkeypatch.setattr(candump, "BLOCK", block)
-    monkeypatch.setattr(candump, "BATCH", capacity)
+    monkeypatch.setattr(text_log, "BLOCK", block)
+    monkeypatch.setattr(text_log, "BATCH", capacity)
     path = tmp_path / "can.log"
     path.write_bytes(b"\n".join(lines))
     account = Account()
@@ -345,7 +345,7 @@ def test_says_that_the_file_ends_within_a_line(tmp_path: Path) -> None:
 
 
 def test_a_tail_of_zeros_takes_no_memory_and_is_one_rejection(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(candump, "BLOCK", 1000)
+    monkeypatch.setattr(text_log, "BLOCK", 1000)
     frames, account = read(tmp_path, GOOD + bytes(50_000) + b"\n" + GOOD + bytes(50_000))
     assert len(frames) == 2
     found = repr("\0" * 80)

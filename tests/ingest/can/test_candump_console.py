@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wheelprint.ingest.account import Account
-from wheelprint.ingest.can import candump_console, line_log
+from wheelprint.ingest.can import candump_console, text_log
 from wheelprint.ingest.can.candump_console import CandumpConsole
 from wheelprint.ingest.can.frames import KINDS
 from wheelprint.schemas.errors import InputError
@@ -86,8 +86,8 @@ def test_reads_every_kind_of_line(tmp_path: Path, pack: type[bytes]) -> None:
 def test_blocks_and_batches_cut_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int, capacity: int
 ) -> None:
-    monkeypatch.setattr(line_log, "BLOCK", block)
-    monkeypatch.setattr(line_log, "BATCH", capacity)
+    monkeypatch.setattr(text_log, "BLOCK", block)
+    monkeypatch.setattr(text_log, "BATCH", capacity)
     assert read(tmp_path, LOG) == (FRAMES, Account(accepted=len(FRAMES)))
 
 

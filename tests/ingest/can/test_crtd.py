@@ -132,7 +132,7 @@ def test_blocks_and_batches_cut_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int, lines: int
 ) -> None:
     monkeypatch.setattr(text_log, "BLOCK", block)
-    monkeypatch.setattr(text_log, "LINES", lines)
+    monkeypatch.setattr(text_log, "BATCH", lines)
     frames, account = read(tmp_path, SAMPLE + "\n???\n" + SAMPLE)
     assert frames == FRAMES * 2
     ((where, _),) = account.rejections

@@ -241,7 +241,7 @@ def test_a_header_that_cannot_be_understood(tmp_path: Path, header: str, reason:
 
 
 def test_counters_of_32_bits_go_on_where_they_pass_their_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(text_log, "LINES", 2)
+    monkeypatch.setattr(text_log, "BATCH", 2)
     turn, half = 1 << 32, 1 << 31
     stamps = {
         "unsigned": ([turn - 1, 1, turn - 1, 2, 5], [turn - 1, turn + 1, turn - 1, turn + 2, turn + 5]),
@@ -322,7 +322,7 @@ def test_blocks_and_batches_cut_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int, lines: int
 ) -> None:
     monkeypatch.setattr(text_log, "BLOCK", block)
-    monkeypatch.setattr(text_log, "LINES", lines)
+    monkeypatch.setattr(text_log, "BATCH", lines)
     for reader, text, frames in SAMPLES:
         got, account = read(reader, tmp_path, text + "\n???\n" + text)
         assert got == frames * 2
