@@ -26,11 +26,10 @@ import numpy as np
 from wheelprint.dataset.calibration import estimate_steering
 from wheelprint.dataset.steering import steering_series
 from wheelprint.ingest.clock import ClockEstimate, estimate_clock, to_utc
-from wheelprint.ingest.synchronise import synchronise
 from wheelprint.modeling.simulation.campaign import Campaign, draw_campaign
 from wheelprint.modeling.simulation.car import Car
 from wheelprint.modeling.simulation.logs import CanClock
-from wheelprint.modeling.simulation.recorded import Recorded, record_trip
+from wheelprint.modeling.simulation.recorded import Recorded, record_trip, synced_table
 
 OFFSET_MS, DRIFT_PPM, LONG_MINUTES = 10.0, 5.0, 30.0
 RATIO_PERCENT, STEERING_OFFSET_DEG = 1.0, 0.2
@@ -154,7 +153,7 @@ def recover(seed: int, draw_from: Callable[[int], Campaign] = draw) -> Outcome:
             drift = found.drift_ppm - trip.clock.drift
             clocks[source].append(Clock(trip.minutes, found, float(errors[0]), float(errors[1]), drift))
         clock = clocks[FIRST][-1].found
-        table = synchronise(recorded.can, recorded.navigation, clock, PERIOD, MAX_GAP)
+        table = synced_table(recorded, clock, PERIOD, MAX_GAP)
         series.append(steering_series(table))
     wheel, yaw_rate, speed = np.concatenate(series, axis=1)
     car = campaign.car

@@ -318,8 +318,9 @@ def _steps_between_pieces(name: str, can: Series, nav: Series, max_offset_s: flo
     for piece in pieces:
         part = time[piece.start : piece.stop], np.asarray(values)[piece.start : piece.stop]
         found = _align({name: part}, {name: nav}, max_offset_s, WINDOWS_S[:1]) if np.isfinite(part[1]).sum() > 2 else ""
-        told = not isinstance(found, str) and found.fit.converged and found.fit.standard_error_s < ALIGNED_S
-        if told and found.fit.correlation >= MINIMUM_CORRELATION and found.peak.rival_s is None:
+        if isinstance(found, str) or not found.fit.converged or found.fit.standard_error_s >= ALIGNED_S:
+            continue
+        if found.fit.correlation >= MINIMUM_CORRELATION and found.peak.rival_s is None:
             aligned.append((piece, found))
     steps = []
     for (earlier, one), (later, other) in pairwise(sorted(aligned, key=lambda pair: pair[0].start)):

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..schemas.angles import wrap_degrees
 from .resample import Times, Values, grid, number_runs, resample
-from .synchronise import SampledSignal
+from .stored_signals import SampledSignal
 
 SECOND = 1_000_000_000
 STANDSTILL = 0.1
@@ -89,7 +89,7 @@ def dead_reckon(can: Mapping[str, SampledSignal], period: int, max_gap: int) -> 
     time = grid(start, stop + 1, period)
     speed = resample(can["speed"].time, can["speed"].values, time, "linear", max_gap, period)
     measured = resample(can["yaw_rate"].time, can["yaw_rate"].values, time, "mean", max_gap, period)
-    run = number_runs(np.isfinite(speed + measured))
+    run = number_runs(np.isfinite(speed + measured)).astype(np.int64)
     if np.count_nonzero(np.diff(run[run >= 0]) == 0) == 0:
         return None
     standstill = at_standstill(speed, measured, period)
@@ -97,7 +97,7 @@ def dead_reckon(can: Mapping[str, SampledSignal], period: int, max_gap: int) -> 
     heading, x, y = integrate_path(speed, yaw_rate, run, period / SECOND)
     course = wrap_degrees(heading)
     values = {"x": x, "y": y, "course": course, "heading": course, "nav_speed": np.abs(speed), "nav_yaw_rate": yaw_rate}
-    signals = {name: SampledSignal(time, signal, "", 0) for name, signal in values.items()}
+    signals = {name: SampledSignal(time, signal) for name, signal in values.items()}
     return DeadReckoning(signals, _facts(run, speed, standstill, period))
 
 

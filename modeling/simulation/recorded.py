@@ -12,11 +12,14 @@ import pyarrow as pa
 from ...ingest.account import Account
 from ...ingest.can.database import load_database
 from ...ingest.can.decode import decode
+from ...ingest.clock import ClockEstimate, to_utc
 from ...ingest.mapping import resolve
 from ...ingest.oxts.ncom import Ncom
 from ...ingest.oxts.ncom_writer import write_ncom
-from ...ingest.synchronise import SampledSignal, read_navigation
+from ...ingest.stored_signals import SampledSignal
+from ...ingest.synchronise import synchronise
 from ...schemas.config import Can
+from ...schemas.signals import NAV_SIGNALS
 from .campaign import Campaign, drive_trip
 from .logs import DATABASE, MAPPING, can_log, navigation_log
 
@@ -64,5 +67,17 @@ def record_trip(campaign: Campaign, index: int) -> Recorded:
     for name, mapped in mapping.items():
         message = messages[mapped.message]
         values = message[mapped.column].cast(pa.float64()).to_numpy() * mapped.factor
-        can[name] = SampledSignal(message["time"].cast(pa.int64()).to_numpy(), values, "can0", 0)
-    return Recorded(can, read_navigation(navigation), driven.truth)
+        can[name] = SampledSignal(message["time"].cast(pa.int64()).to_numpy(), values)
+    time = navigation["time"].cast(pa.int64()).to_numpy()
+    measured = {
+        name: SampledSignal(time, navigation[name].cast(pa.float64(), safe=False).to_numpy())
+        for name in NAV_SIGNALS
+        if navigation[name].null_count < len(navigation)
+    }
+    return Recorded(can, measured, driven.truth)
+
+
+def synced_table(recorded: Recorded, clock: ClockEstimate, period: int, max_gap: int) -> pa.Table:
+    """Return a trip's signals on the grid, in the schema `SYNCED`; period and longest gap that is bridged in ns."""
+    can = {name: SampledSignal(to_utc(signal.time, clock), signal.values) for name, signal in recorded.can.items()}
+    return synchronise({}, recorded.navigation | can, ClockEstimate.trusted("in UTC already"), period, max_gap)

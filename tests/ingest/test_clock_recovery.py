@@ -13,10 +13,9 @@ import pytest
 
 from wheelprint.ingest.clock import ClockEstimate
 from wheelprint.ingest.signs import reversed_signals
-from wheelprint.ingest.synchronise import synchronise
 from wheelprint.modeling.simulation.campaign import Campaign, draw_campaign
 from wheelprint.modeling.simulation.logs import CanClock
-from wheelprint.modeling.simulation.recorded import Recorded, record_trip
+from wheelprint.modeling.simulation.recorded import Recorded, record_trip, synced_table
 
 SIGNED = (
     "steering_wheel_angle", "steering_wheel_speed", "speed", "yaw_rate", "longitudinal_acceleration",
@@ -85,7 +84,7 @@ def judged(drive: Recorded, turned: str) -> dict[str, tuple[str, float]]:
     can = dict(drive.can)
     if turned:
         can[turned] = replace(can[turned], values=-can[turned].values)
-    table = synchronise(can, drive.navigation, ClockEstimate.trusted(""), 10**8, 5 * 10**8)
+    table = synced_table(drive._replace(can=can), ClockEstimate.trusted(""), 10**8, 5 * 10**8)
     names = (*SIGNED, "nav_speed", "nav_yaw_rate")
     return reversed_signals({name: table[name].cast("double").to_numpy() for name in names}, 10.0)
 

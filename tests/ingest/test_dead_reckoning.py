@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from wheelprint.ingest.dead_reckoning import DeadReckoning, at_standstill, dead_reckon, integrate_path
-from wheelprint.ingest.synchronise import SampledSignal
+from wheelprint.ingest.stored_signals import SampledSignal
 from wheelprint.modeling.simulation.campaign import Campaign, draw_campaign
 from wheelprint.modeling.simulation.logs import CanClock
 from wheelprint.modeling.simulation.recorded import Recorded, record_trip
@@ -22,7 +22,7 @@ PERIOD, MAX_GAP = SECOND // 10, SECOND // 2
 
 def bus(speed: npt.NDArray[np.float64], yaw_rate: npt.NDArray[np.float64], rate: int = 50) -> dict[str, SampledSignal]:
     time = EPOCH + np.arange(len(speed), dtype=np.int64) * (SECOND // rate)
-    return {"speed": SampledSignal(time, speed, "can0", 0), "yaw_rate": SampledSignal(time, yaw_rate, "can0", 0)}
+    return {"speed": SampledSignal(time, speed), "yaw_rate": SampledSignal(time, yaw_rate)}
 
 
 def reckon(can: dict[str, SampledSignal]) -> DeadReckoning:
@@ -132,7 +132,7 @@ def test_without_both_signals_at_once_there_is_no_path() -> None:
     assert dead_reckon({"yaw_rate": can["yaw_rate"]}, PERIOD, MAX_GAP) is None
     later = replace(can["yaw_rate"], time=can["yaw_rate"].time + 3600 * SECOND)
     assert dead_reckon(can | {"yaw_rate": later}, PERIOD, MAX_GAP) is None
-    nothing = SampledSignal(np.array([], np.int64), np.array([]), "", 0)
+    nothing = SampledSignal(np.array([], np.int64), np.array([]))
     assert dead_reckon(can | {"yaw_rate": nothing}, PERIOD, MAX_GAP) is None
 
 
