@@ -24,6 +24,10 @@ BLOCK_S = 10.0
 MINIMUM_OVERLAP_S = 30.0
 AMBIGUITY = 1.25
 """A shift that leaves less than this times the best one's unexplained variance explains the signals as well."""
+STEP_BLOCKS = 3
+"""So many blocks on either side tell a jump of the shift from a block that is wrong."""
+SIGNIFICANT_STEP = 6.0
+SMALLEST_STEP_S = 0.005
 HUBER = 1.345
 """Residuals beyond this many standard deviations count less; 95 % efficient where there are no outliers."""
 ITERATIONS = 30
@@ -58,6 +62,13 @@ class Peak(NamedTuple):
     rival_s: float | None
 
 
+class Step(NamedTuple):
+    """A jump of the shift: `block` is the first block of ten seconds after it, `size_s` what the shift gains, s."""
+
+    block: int
+    size_s: float
+
+
 class Fit(NamedTuple):
     """The refined shift, first clock - second clock = `shift_s` + `gain_s`·(share of the grid that has passed).
 
@@ -68,6 +79,9 @@ class Fit(NamedTuple):
         residual_s: Weighted rms of what the shift of single blocks differs from the line, s.
         correlation: Between the changes on both clocks once aligned, of the signal that agrees best.
         converged: Whether the iteration came to rest.
+        gain_standard_error_s: Of the gain, s.
+        pull: (n_blocks,) gradient of the likelihood in the shift, of each block of ten seconds.
+        grip: (n_blocks,) its curvature; pull/grip is what the shift of a block differs from the line.
     """
 
     shift_s: float
@@ -76,6 +90,9 @@ class Fit(NamedTuple):
     residual_s: float
     correlation: float
     converged: bool
+    gain_standard_error_s: float
+    pull: Values
+    grip: Values
 
 
 def changes(values: Values, period: int, window_s: float = WINDOW_S) -> Values:
@@ -222,7 +239,41 @@ def refine(
         residual_s=float(np.sqrt(np.sum(pull**2 / np.where(grip > 0, grip, 1.0)) / grip.sum())),
         correlation=max(term.correlation for term in terms),
         converged=converged,
+        gain_standard_error_s=float(np.sqrt(covariance[1, 1])),
+        pull=pull,
+        grip=grip,
     )
+
+
+def find_step(pull: Values, grip: Values) -> Step | None:
+    """Find a jump of the shift in what single blocks say of it.
+
+    For each block, the blocks' own shifts, pull/grip ± grip^-1/2 up to a common factor, are explained by a line and a
+    jump before that block.
+
+    Args:
+        pull: (n_blocks,) gradient of the likelihood in the shift.
+        grip: (n_blocks,) its curvature, 0 where a block says nothing.
+
+    Returns:
+        The jump that explains most, where it is more than six standard errors and 5 ms; None where there is none.
+    """
+    block = np.flatnonzero(grip > 1e-3 * np.median(grip[grip > 0])) if (grip > 0).any() else np.empty(0, np.intp)
+    if len(block) < 3 * STEP_BLOCKS:
+        return None
+    weight, shift = grip[block], pull[block] / grip[block]
+    place = block / block[-1]
+    best, best_t = None, SIGNIFICANT_STEP
+    for k in range(STEP_BLOCKS, len(block) - STEP_BLOCKS + 1):
+        design = np.column_stack([np.ones(len(block)), place, np.arange(len(block)) >= k])
+        normal = (design * weight[:, None]).T @ design
+        solution = np.linalg.solve(normal, (design * weight[:, None]).T @ shift)
+        left = weight * (shift - design @ solution) ** 2
+        variance = float(left.sum()) / (len(block) - 3)
+        t = abs(float(solution[2])) / np.sqrt(max(variance, 1e-12) * float(np.linalg.inv(normal)[2, 2]))
+        if t > best_t and abs(solution[2]) > SMALLEST_STEP_S:
+            best, best_t = Step(int(block[k]), float(solution[2])), t
+    return best
 
 
 class _Term(NamedTuple):

@@ -52,6 +52,11 @@ def gps_to_utc(gps: Times) -> Times:
     return counted - _AHEAD[np.maximum(np.searchsorted(_STARTS + _AHEAD, counted, "right") - 1, 0)]
 
 
+def gps_ahead(utc: int) -> int:
+    """Return by how many seconds GPS time is ahead of UTC at ns since 1970 in UTC, by the table."""
+    return int(_AHEAD[max(int(np.searchsorted(_STARTS, utc, "right")) - 1, 0)]) // 1_000_000_000
+
+
 def utc_to_gps(utc: Times) -> Times:
     """Return ns since `GPS_EPOCH` of GPS time for ns since 1970 in UTC, by the table."""
     return utc - GPS_EPOCH + _AHEAD[np.maximum(np.searchsorted(_STARTS, utc, "right") - 1, 0)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -251,10 +251,7 @@ def simulate_recording(directory: Path, campaign: Campaign, index: int) -> dict[
         InputError: The trip is too short for its emergencies.
     """
     trip = campaign.trips[index]
-    on_road, at_wheel, on_bus, in_navigation = np.random.default_rng([campaign.seed, index]).spawn(4)
-    origin = Origin(on_road.uniform(39.88, 40.02), on_road.uniform(116.25, 116.45), 45.0)
-    road, intentions, motion = _drive_somewhere((on_road, at_wheel), trip, campaign.car, directory)
-    truth = truth_table(motion, road, campaign.car, trip.start, origin)
+    truth, origin, intentions, motion, (on_bus, in_navigation) = drive_trip(directory, campaign, index)
     publish_table(_truth_file(directory, trip), truth)
     folder = _raw_folder(directory, trip)
     database = load_database([DATABASE], directory)
@@ -274,6 +271,38 @@ def simulate_recording(directory: Path, campaign: Campaign, index: int) -> dict[
         "emergencies": _emergencies(truth, intentions, motion.emergency),
         "distance_m": float(motion.arc_length[-1]),
     }
+
+
+class DrivenTrip(NamedTuple):
+    """What happened on a trip, before anything measured it.
+
+    Attributes:
+        truth: In the schema `TRUTH`.
+        origin: Where the drive begins.
+        intentions: What the driver meant to do.
+        motion: What the driver did.
+        generators: Of the bus's noise and of navigation's.
+    """
+
+    truth: pa.Table
+    origin: Origin
+    intentions: Intentions
+    motion: Motion
+    generators: tuple[np.random.Generator, np.random.Generator]
+
+
+def drive_trip(directory: Path, campaign: Campaign, index: int) -> DrivenTrip:
+    """Drive one trip of a campaign; nothing is written.
+
+    Raises:
+        InputError: The trip is too short for its emergencies; it names `directory`.
+    """
+    trip = campaign.trips[index]
+    on_road, at_wheel, on_bus, in_navigation = np.random.default_rng([campaign.seed, index]).spawn(4)
+    origin = Origin(on_road.uniform(39.88, 40.02), on_road.uniform(116.25, 116.45), 45.0)
+    road, intentions, motion = _drive_somewhere((on_road, at_wheel), trip, campaign.car, directory)
+    truth = truth_table(motion, road, campaign.car, trip.start, origin)
+    return DrivenTrip(truth, origin, intentions, motion, (on_bus, in_navigation))
 
 
 def publish_campaign(directory: Path, campaign: Campaign, entries: list[dict[str, Any]]) -> None:

@@ -30,8 +30,7 @@ def drive(seed: int, minutes: float = 10, *, curviness: float = 0.012, noise: fl
 
     speed = np.clip(12 + 6 * wander(10), 0, 30)
     curvature = curviness * wander(2) / (1 + (speed / 12) ** 2)
-    lateral = speed**2 * curvature
-    wheel = OFFSET + RATIO * (np.degrees(np.arctan(WHEELBASE * curvature)) + UNDERSTEER * lateral)
+    wheel = OFFSET + RATIO * np.degrees(np.arctan(curvature * (WHEELBASE + np.radians(UNDERSTEER) * speed**2)))
     yaw_rate = np.degrees(curvature * speed)
     late = np.concatenate((yaw_rate[:2], yaw_rate[:-2]))
     return (
@@ -63,7 +62,7 @@ def test_without_noise_or_lag_the_fit_is_the_equation() -> None:
     speed[:] = np.repeat([6.0, 18.0], len(speed) // 2)
     yaw_rate[:] = np.repeat(np.random.default_rng(0).uniform(-12, 12, len(speed) // 50), 50)
     curvature = np.radians(yaw_rate) / speed
-    road_wheel = np.degrees(np.arctan(WHEELBASE * curvature)) + UNDERSTEER * curvature * speed**2
+    road_wheel = np.degrees(np.arctan(curvature * (WHEELBASE + np.radians(UNDERSTEER) * speed**2)))
     found = estimate_steering(OFFSET + RATIO * road_wheel, yaw_rate, speed, WHEELBASE, rate=1)
     assert found.ratio == pytest.approx(RATIO, abs=1e-6)
     assert found.offset == pytest.approx(OFFSET, abs=1e-6)

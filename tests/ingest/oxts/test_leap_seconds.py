@@ -8,7 +8,14 @@ from importlib import resources
 import numpy as np
 import pytest
 
-from wheelprint.ingest.oxts.leap_seconds import GPS_EPOCH, LEAP_SECONDS, VALID_UNTIL, gps_to_utc, utc_to_gps
+from wheelprint.ingest.oxts.leap_seconds import (
+    GPS_EPOCH,
+    LEAP_SECONDS,
+    VALID_UNTIL,
+    gps_ahead,
+    gps_to_utc,
+    utc_to_gps,
+)
 
 SECOND = 1_000_000_000
 
@@ -59,3 +66,10 @@ def test_a_leap_second_repeats_the_next_one() -> None:
 
 def test_the_table_says_how_long_it_holds() -> None:
     assert unix(LEAP_SECONDS[-1][0]) < VALID_UNTIL == unix("2027-06-28")
+
+
+def test_gps_is_ahead_by_the_table() -> None:
+    for date, seconds in LEAP_SECONDS:
+        midnight = int(np.datetime64(date, "ns").astype(np.int64))
+        assert gps_ahead(midnight) == seconds
+        assert gps_ahead(midnight - 1) == max(seconds - 1, 0)
