@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+from datetime import UTC, datetime, timedelta
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +21,11 @@ from wheelprint.ingest.clock import ClockEstimate
 from wheelprint.ingest.convert import plan_conversion
 from wheelprint.ingest.gps_clock import clock_from_gps
 from wheelprint.ingest.mapping import resolve_navigation
+from wheelprint.ingest.oxts.can_writer import encode_oxts
 from wheelprint.modeling.simulation.campaign import FIRST_START, Campaign, Trip, simulate
 from wheelprint.modeling.simulation.driver import Driver
 from wheelprint.modeling.simulation.logs import CanClock
+from wheelprint.schemas import databases
 from wheelprint.schemas.config import Nav
 from wheelprint.schemas.project import Project
 from wheelprint.schemas.tasks import Outcome
@@ -107,6 +111,9 @@ def test_navigation_comes_back_and_gps_time_tells_the_clock(simulated: Path, tmp
     assert outcome.entry["navigation"]["latitude"] == {
         "message": "LatitudeLongitude", "signal": "PosLat", "channel": "can1", "samples": 12000,
     }  # fmt: skip
+
+    # The messages of a cycle are one sample, unless the stamps' jitter parts them.
+    assert 12_000 <= len(table) < 16_000
 
     # Both sides are on UTC: the bus's speed and the unit's belong to the same moments.
     synced = Project(project)
@@ -194,6 +201,40 @@ def test_what_is_mapped_and_is_not_there_is_said(tmp_path: Path) -> None:
             ),
         ),
     ]
+
+
+def test_what_the_unit_sends_is_what_cantools_decodes() -> None:
+    import cantools
+
+    path = Path(str(resources.files(databases) / "oxts.dbc"))
+    peer = cantools.database.load_file(path)
+    time = np.array([FIRST_START + 987_654_321, FIRST_START + 200 * 86_400 * SECOND])
+    streams = encode_oxts(
+        load_database(["oxts"], Path()), time=time, latitude=[48.1234567, -33.0], longitude=[11.5, -70.0],
+        altitude=[500.123, -3.0], velocity=[[3.0, -4.0, 0.5], [0.0, 0.0, 0.0]],
+        orientation=np.radians([[-90.0, 1.5, -2.5], [370.0, 0.0, 0.0]]), level_acceleration=[[1.25, -2.5], [0.0, 9.0]],
+        angular_rate=np.radians([[0.1, 0.2, -15.0], [0.0, 0.0, 0.0]]), position_accuracy=0.05 * np.sqrt(2),
+    )  # fmt: skip
+    told: dict[str, list[dict[str, Any]]] = {}
+    for identifier, _, payloads in streams:
+        message = peer.get_message_by_frame_id(identifier)
+        told[message.name] = [message.decode(payload.tobytes()[: message.length]) for payload in payloads]
+    for k, stamp in enumerate(time.tolist()):
+        gps = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=stamp // 1000, seconds=18)
+        assert told["DateTime"][k] == {
+            "TimeYear": gps.year % 100, "TimeCentury": 2000, "TimeMonth": gps.month, "TimeDay": gps.day,
+            "TimeHour": gps.hour, "TimeMinute": gps.minute, "TimeSecond": gps.second,
+            "TimeHSecond": gps.microsecond // 10_000 / 100,
+        }  # fmt: skip
+        since = gps - datetime(1980, 1, 6, tzinfo=UTC)
+        assert told["MilliTime"][k] == {"MilliTime": since // timedelta(milliseconds=1), "UtcOffset": -18}
+    first = {name: rows[0] for name, rows in told.items() if name not in {"DateTime", "MilliTime"}}
+    assert {signal: pytest.approx(value) for message in first.values() for signal, value in message.items()} == {
+        "PosLat": 48.1234567, "PosLon": 11.5, "Altitude": 500.123, "VelNorth": 3.0, "VelEast": -4.0, "VelDown": 0.5,
+        "Speed2D": 5.0, "AccelForward": 1.25, "AccelLateral": -2.5, "AccelDown": 0, "AccelSlip": 0,
+        "AngleHeading": 270.0, "AnglePitch": 1.5, "AngleRoll": -2.5, "AngRateX": 0.1, "AngRateY": 0.2,
+        "AngRateZ": -15.0, "AccuracyNorth": 0.05, "AccuracyEast": 0.05, "AccuracyDown": 0, "PositionAccuracyAge": 0,
+    }  # fmt: skip
 
 
 def frames_of(folder: Path, name: str, time: Any, **columns: Any) -> dict[str, list[Path]]:

@@ -338,6 +338,18 @@ def test_navigation_messages_of_one_stamp_are_one_sample(tmp_path: Path) -> None
     assert table.schema.metadata[b"topics"] == b'["/fix", "/imu", "/odom"]'
 
 
+def test_without_odometry_a_twist_tells_the_speed(tmp_path: Path) -> None:
+    twist = cdr(START, *doubles(3, 4, 9, 0, 0, 0))
+    said: list[Said] = [
+        ("/vel", "geometry_msgs/msg/TwistStamped", "cdr", 1, twist),
+        ("/fix", "sensor_msgs/msg/NavSatFix", "cdr", 1, fix(START, 48, 11)),
+    ]
+    table, account = navigation(write(tmp_path / "a.mcap", said))
+    assert account == Account(accepted=2)
+    assert (table["nav_speed"].to_pylist(), table["latitude"].to_pylist()) == ([5.0], [48.0])
+    assert table["course"].null_count == 1
+
+
 def test_it_refuses_other_content() -> None:
     for head in (b"", b"MDF     4.11    ", b"(1.0) can0 123#00\n", b"\x89PNG\r\n\x1a\n"):
         assert not McapFrames.sniff(head)
