@@ -52,7 +52,7 @@ def definition(schema: str, fields: dict[str, str]) -> bytes:
             message.field.add(name=field, number=number, label=label, type=SCALARS[kind.removesuffix("*")])
     stamp = descriptor_pb2.FileDescriptorProto()
     timestamp_pb2.DESCRIPTOR.CopyToProto(stamp)
-    return descriptor_pb2.FileDescriptorSet(file=[file, stamp]).SerializeToString()
+    return bytes(descriptor_pb2.FileDescriptorSet(file=[file, stamp]).SerializeToString())
 
 
 def varint(number: int) -> bytes:

@@ -331,7 +331,7 @@ NAV_WRITERS: dict[str, Callable[[pa.Table, Path], Path]] = {
 
 def nav_reader(form: str, path: Path) -> NavigationReader:
     if format_of(form) == "columns":
-        return MappedTable(path, MAPPING)  # type: ignore[return-value]  # it is made of more than a path
+        return MappedTable(path, MAPPING)
     return next(reader for reader in recognise(path) if reader.kind == "nav")  # type: ignore[return-value]
 
 
