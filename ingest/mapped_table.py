@@ -136,8 +136,9 @@ class MappedTable:
             elif found:
                 wrong.append(f"there are {len(found)} columns {wanted!r}; rename all but one")
             else:
-                near = difflib.get_close_matches(wanted.strip(), stripped, n=1, cutoff=0.5)
-                wrong.append(f"there is no column {wanted!r}{f' (did you mean {near[0]!r}?)' if near else ''}")
+                folded = {name.casefold(): name for name in stripped}
+                near = difflib.get_close_matches(wanted.strip().casefold(), folded, n=1, cutoff=0.53)
+                wrong.append(f"there is no column {wanted!r}{f' (did you mean {folded[near[0]]!r}?)' if near else ''}")
         if wrong:
             listed = ", ".join(repr(name) for name in stripped[:40])
             reason = (
