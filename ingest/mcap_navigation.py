@@ -15,7 +15,7 @@ import numpy.typing as npt
 from ..schemas.errors import InputError
 from .account import KEPT_REJECTIONS, Account
 from .foxglove_messages import decode_fields
-from .mcap_container import Message, is_mcap, messages
+from .mcap_container import Message, Topic, is_mcap, messages
 from .oxts.ncom import Ncom
 from .ros_messages import decode_cdr
 
