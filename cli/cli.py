@@ -202,6 +202,9 @@ def simulate(
     minutes: Annotated[float, typer.Option("--minutes", min=1, help="Length of each recording.")] = 5.0,
     clock_offset: Annotated[float, typer.Option("--clock-offset", help="s, CAN stamp - UTC; recordings vary.")] = 0.8,
     clock_drift: Annotated[float, typer.Option("--clock-drift", help="ppm of the CAN clock.")] = 20.0,
+    oxts_on_can: Annotated[
+        bool, typer.Option("--oxts-on-can", help="Navigation as CAN frames of an OxTS unit, not as NCOM.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Write raw logs of simulated drivers into raw/, and the truth beside it into truth/."""
@@ -210,7 +213,9 @@ def simulate(
     summary = Report("simulate", as_json)
     _guarded(
         summary,
-        lambda: simulate_project(summary, project, seed, drivers, recordings, minutes, clock_offset, clock_drift),
+        lambda: simulate_project(
+            summary, project, seed, drivers, recordings, minutes, clock_offset, clock_drift, oxts_on_can=oxts_on_can
+        ),
     )
 
 

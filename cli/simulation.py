@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,12 +21,14 @@ def simulate_project(
     minutes: float,
     clock_offset: float,
     clock_drift: float,
+    *,
+    oxts_on_can: bool,
 ) -> None:
     """Simulate a drawn campaign into a project folder and list its recordings."""
     from .modeling.simulation.campaign import draw_campaign, simulate
 
     campaign = draw_campaign(seed, drivers, recordings, minutes, clock_offset, clock_drift)
-    simulated = simulate(directory, campaign)
+    simulated = simulate(directory, replace(campaign, navigation="can") if oxts_on_can else campaign)
     sizes = [
         (recording.key, minutes, sum(file.stat().st_size for file in recording.folder.iterdir()) / 1e6)
         for recording in simulated

@@ -5,17 +5,19 @@ Run `python docs/reference.py` after changing a command, a config key, a signal 
 
 from __future__ import annotations
 
+import json
 import types
 import typing
 from pathlib import Path
 
 import pyarrow as pa
 import typer
-from pydantic import BaseModel
+from pydantic import BaseModel, BeforeValidator
 from pydantic_core import PydanticUndefined
 
 from wheelprint.cli import app
 from wheelprint.schemas import config, tables
+from wheelprint.schemas.quantities import QUANTITIES, TIME_QUANTITIES
 from wheelprint.schemas.signals import SIGNALS
 
 NOTE = "<!-- Written by docs/reference.py; change the code, not this page. -->\n"
@@ -73,7 +75,8 @@ def _section(lines: list[str], model: type[BaseModel], prefix: str) -> None:
         if info.default_factory is not None:
             default = "`[]`" if typing.get_origin(kind) is list else "`{}`"
         else:
-            default = "required" if info.default is PydanticUndefined else f"`{_toml(info.default)}`"
+            shown = _toml(info.default)
+            default = "required" if info.default is PydanticUndefined else f"`{shown}`" if shown else ""
         rows.append(f"| `{name}` | {_kind(kind)} | {info.description or ''} | {default} |")
     if rows:
         heading = f"## [{prefix.rstrip('.')}]\n"
@@ -85,7 +88,9 @@ def _section(lines: list[str], model: type[BaseModel], prefix: str) -> None:
 def _toml(value: object) -> str:
     if isinstance(value, bool):
         return str(value).lower()
-    return f'"{value}"' if isinstance(value, str) else str(value)
+    if value is None:
+        return ""
+    return json.dumps(value, ensure_ascii=False).replace("|", "\\|") if isinstance(value, str) else str(value)
 
 
 def _kind(annotation: object) -> str:
@@ -93,15 +98,18 @@ def _kind(annotation: object) -> str:
     if origin is typing.Literal:
         return " or ".join(f"`{_toml(value)}`" for value in typing.get_args(annotation))
     if origin is typing.Annotated:
-        return _kind(typing.get_args(annotation)[0])
+        kind, *how = typing.get_args(annotation)
+        # Text stands for the table, or for the list, that says only this.
+        shorter = any(isinstance(one, BeforeValidator) for one in how)
+        return f"text or {_kind(kind)}" if shorter else _kind(kind)
     if origin in (typing.Union, types.UnionType):
         return " or ".join(_kind(part) for part in typing.get_args(annotation) if part is not type(None))
     if origin is list:
         return f"list of {_kind(typing.get_args(annotation)[0])}"
     if origin is dict:
-        return 'table of canonical = "Message.Signal" or { signal, sign, scale, channel, source }'
+        return f"table of name = {_kind(typing.get_args(annotation)[1])}"
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return f"text or {{ {', '.join(annotation.model_fields)} }}"
+        return f"{{ {', '.join(annotation.model_fields)} }}"
     return {str: "text", float: "number", int: "whole number", bool: "true or false"}.get(annotation, str(annotation))  # type: ignore[call-overload, no-any-return]
 
 
@@ -116,6 +124,18 @@ def signals() -> str:
             f"| `{signal.name}` | {signal.unit} | {signal.description} | {signal.source} | {limits} | "
             f"{signal.resampling} | {vss} |"
         )
+    lines += [
+        "\n## What else a mapping of navigation may name\n",
+        "`[nav.can]` and `[nav.columns]` take the canonical signals of navigation above, and:\n",
+        "| name | unit | meaning |",
+        "|---|---|---|",
+        *(
+            f"| `{quantity.name}` | {quantity.unit} | {quantity.description} |"
+            for quantity in QUANTITIES.values()
+            if quantity.name not in SIGNALS
+        ),
+        *(f"| `{name}` | s | {meaning}; in `[nav.can]` only |" for name, meaning in TIME_QUANTITIES.items()),
+    ]
     return "\n".join(lines) + "\n"
 
 

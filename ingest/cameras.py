@@ -17,6 +17,7 @@ from ..schemas.errors import InputError
 from ..schemas.tables import CAMERA_FRAMES
 from .account import Account
 from .content import blocks, head
+from .foxglove_messages import decode_fields
 from .mcap_container import Topic, is_mcap, messages
 from .ros_messages import decode_cdr
 
@@ -99,7 +100,7 @@ class CameraIndex:
     A CSV has a header with a column of times (`time`, `timestamp`, `stamp`, `utc`...) and, where there are files, one
     of their paths (`path`, `file`, `filename`, `image`...); or no header and the time first. It is separated by
     commas, semicolons or tabs. In MCAP every message whose schema is a `CompressedImage` is a frame; its stamp is the
-    header's (CDR), otherwise when it was logged.
+    header's (CDR), its `timestamp` (JSON, protobuf), otherwise when it was logged.
 
     Attributes:
         path: File or folder.
@@ -165,12 +166,16 @@ class CameraIndex:
     def _in_mcap(self, account: Account) -> Iterator[tuple[int, str, str | None, int | None]]:
         for message in messages(self.path, account, is_image):
             time = 0
-            if message.topic.encoding == "cdr":
-                try:
+            try:
+                if message.topic.encoding == "cdr":
                     time, _ = decode_cdr("sensor_msgs/msg/CompressedImage", message.data)
-                except ValueError as error:
-                    account.reject(message.where, str(error))
-                    continue
+                elif message.topic.encoding == "json" or (
+                    message.topic.encoding == "protobuf" and message.topic.definition
+                ):
+                    time, _ = decode_fields(message.topic, message.data)
+            except ValueError as error:
+                account.reject(message.where, str(error))
+                continue
             time = time or message.time
             if 0 <= time <= LATEST:
                 yield time, message.topic.name, None, message.offset

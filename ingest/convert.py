@@ -15,13 +15,17 @@ from ..schemas.config import Config
 from ..schemas.errors import InputError
 from ..schemas.project import Project, Recording
 from ..schemas.store import describe_output, fingerprint, publish_table
+from ..schemas.tables import SYNCED
 from ..schemas.tasks import Outcome, Task
+from .bus_navigation import BusNavigation, read_bus_navigation
 from .can.database import Database, load_databases
-from .clock import ClockEstimate, estimate_clock
-from .mapping import MappedSignal, resolve
+from .clock import ClockEstimate, estimate_clock, to_utc
+from .dead_reckoning import dead_reckon
+from .mapping import MappedSignal, resolve, resolve_navigation
 from .plausibility import absent_sources, no_overlap, too_long, wrong_signs
 from .recording_logs import read_logs, recording_files
-from .stored_signals import NavigationSignal, SampledSignal, StoredSignal, find_mapped, find_navigation
+from .signal_files import signal_file
+from .stored_signals import SampledSignal, Signal, StoredSignal, find_mapped, find_navigation
 from .synchronise import synchronise
 
 
@@ -38,7 +42,8 @@ def plan_conversion(project: Project) -> tuple[list[Task], list[InputError]]:
     config_file = project.directory / "wheelprint.toml"
     database, problems = load_databases(config.can.database, project.directory)
     mapping, unmapped = resolve(config.can, database, config_file)
-    problems += unmapped
+    nav_mapping, not_found = resolve_navigation(config.nav, database, config_file)
+    problems += [*unmapped, *not_found]
     if not config.can.signals:
         reason = 'nothing is mapped; name at least steering_wheel_angle = "Message.Signal" and speed'
         problems.append(InputError(config_file, "can.signals", reason))
@@ -48,6 +53,7 @@ def plan_conversion(project: Project) -> tuple[list[Task], list[InputError]]:
         "mapping": {name: asdict(mapped) for name, mapped in mapping.items()},
         "nav": config.nav.model_dump(),
         "sync": config.sync.model_dump(),
+        "columns": SYNCED.names,
     }
     tasks = []
     for recording in project.recordings():
@@ -55,7 +61,7 @@ def plan_conversion(project: Project) -> tuple[list[Task], list[InputError]]:
         states = [(name, path.stat().st_size, path.stat().st_mtime_ns) for name, path in files.items() if path.exists()]
         arguments = {
             "project": project.directory, "recording": recording, "config": config, "database": database,
-            "mapping": mapping,
+            "mapping": mapping, "nav_mapping": nav_mapping,
         }  # fmt: skip
         made_from = fingerprint({**parameters, "files": states})
         tasks.append(Task("recordings", recording.key, convert_recording, arguments, made_from))
@@ -63,7 +69,12 @@ def plan_conversion(project: Project) -> tuple[list[Task], list[InputError]]:
 
 
 def convert_recording(
-    project: Path, recording: Recording, config: Config, database: Database, mapping: Mapping[str, MappedSignal]
+    project: Path,
+    recording: Recording,
+    config: Config,
+    database: Database,
+    mapping: Mapping[str, MappedSignal],
+    nav_mapping: Mapping[str, MappedSignal],
 ) -> Outcome:
     """Convert one recording and publish its files.
 
@@ -73,6 +84,7 @@ def convert_recording(
         config: The project file.
         database: The messages to decode.
         mapping: The canonical signals that were found in the database.
+        nav_mapping: The quantities of navigation that were found there.
 
     Returns:
         The manifest entry: inputs with their accounts, clock, origin, signals, outputs.
@@ -82,12 +94,22 @@ def convert_recording(
     """
     place = Project(project)
     folder = place.signals_folder(recording.driver, recording.name)
-    logs = read_logs(project, recording, database, folder, config.nav.format)
+    logs = read_logs(project, recording, database, folder, config.nav)
     problems = logs.problems
     stored, signal_facts = _find_signals(logs.message_files, mapping, recording, problems)
+    max_gap = round(config.sync.max_gap * 1e9)
+    bus = read_bus_navigation(logs.message_files, nav_mapping, max_gap)
+    from_bus = not logs.navigation and bus is not None and bool(bus.signals) and config.nav.format in ("auto", "can")
+    nav_signals: dict[str, Signal]
     nav_signals, origin = find_navigation(logs.navigation)
+    clock = _clock(config, stored, nav_signals, bus, from_bus=from_bus)
+    if bus is not None and from_bus:
+        file = signal_file(folder, "can", "navigation")
+        publish_table(file, navigation := bus.table(clock, round(config.nav.latency * 1e9)))
+        logs.outputs.append(describe_output(project, file, rows=len(navigation)))
+        nav_signals, origin = find_navigation([file])
+    path_from_bus = _path_from_bus(config, stored, nav_signals, clock)
     problems += absent_sources(recording, mapping, stored, nav_signals)
-    clock = _clock(config, stored, nav_signals)
     entry: dict[str, Any] = {
         "driver": recording.driver,
         "inputs": logs.inputs,
@@ -95,6 +117,8 @@ def convert_recording(
         "database_repairs": [str(repair) for repair in database.repairs],
         "outputs": logs.outputs,
         "signals": signal_facts,
+        "navigation": bus.sources if bus is not None and from_bus else {},
+        "path_from_bus": path_from_bus,
         "clock": _clock_facts(clock),
         "origin": None if origin is None else asdict(origin),
     }
@@ -102,7 +126,7 @@ def convert_recording(
         return Outcome(entry, (*problems, mismatch))
     if not stored and not nav_signals:
         return Outcome(entry, tuple(problems))
-    synced = synchronise(stored, nav_signals, clock, config.sync.period, round(config.sync.max_gap * 1e9))
+    synced = synchronise(stored, nav_signals, clock, config.sync.period, max_gap)
     problems += wrong_signs(recording, synced, mapping, stored, config.sync.rate)
     metadata = {
         "driver": recording.driver,
@@ -148,16 +172,31 @@ def _find_signals(
     return stored, facts
 
 
-def _clock(config: Config, can: Mapping[str, StoredSignal], nav: Mapping[str, NavigationSignal]) -> ClockEstimate:
+def _clock(
+    config: Config,
+    can: Mapping[str, StoredSignal],
+    nav: Mapping[str, Signal],
+    bus: BusNavigation | None,
+    *,
+    from_bus: bool,
+) -> ClockEstimate:
+    """Return what the project file says; else what the unit's own time on the bus says; else what signals say."""
     if config.sync.clock == "trust":
         return ClockEstimate.trusted("the project file says that the CAN clock is UTC")
     if not isinstance(config.sync.clock, str):
         return ClockEstimate.fixed(config.sync.clock, "the project file gives the offset")
+    if bus is not None and bus.clock is not None and bus.clock.applied:
+        return bus.clock
+    if from_bus and bus is not None:
+        why = f": {bus.clock.reason}" if bus.clock is not None else ", which tells no time of its own"
+        reason = f"navigation is on the clock of the CAN frames that it comes from{why}; UTC is the logger's"
+        return ClockEstimate.fixed(0.0, reason)
     nothing = SampledSignal(np.array([], np.int64), np.array([]))
     speed = can["speed"].read() if "speed" in can else nothing
     yaw = can["yaw_rate"].read() if "yaw_rate" in can else None
     nav_speed = nav["nav_speed"].read() if "nav_speed" in nav else nothing
     nav_yaw = nav["nav_yaw_rate"].read() if "nav_yaw_rate" in nav else None
+    steering = can["steering_wheel_angle"].read() if "steering_wheel_angle" in can else None
     return estimate_clock(
         speed.time,
         speed.values,
@@ -165,7 +204,23 @@ def _clock(config: Config, can: Mapping[str, StoredSignal], nav: Mapping[str, Na
         nav_speed.values,
         can_yaw_rate=(yaw.time, yaw.values) if yaw else None,
         nav_yaw_rate=(nav_yaw.time, nav_yaw.values) if nav_yaw else None,
+        can_steering=(steering.time, steering.values) if steering else None,
     )
+
+
+def _path_from_bus(
+    config: Config, can: Mapping[str, StoredSignal], navigation: dict[str, Signal], clock: ClockEstimate
+) -> dict[str, Any] | None:
+    """Where navigation has no position and the project file allows it, integrate one and add it to `navigation`."""
+    if "x" in navigation or not config.nav.dead_reckoning:
+        return None
+    sampled = {name: can[name].read() for name in ("speed", "yaw_rate") if name in can}
+    reckoned = dead_reckon(sampled, config.sync.period, round(config.sync.max_gap * 1e9))
+    if reckoned is None:
+        return None
+    for name, signal in reckoned.signals.items():
+        navigation.setdefault(name, SampledSignal(to_utc(signal.time, clock), signal.values))
+    return reckoned.facts
 
 
 def _clock_facts(clock: ClockEstimate) -> dict[str, Any]:

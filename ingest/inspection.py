@@ -22,7 +22,8 @@ from .can.frames import DATA, KINDS, FrameBatch
 from .can.matching import find_messages
 from .content import head
 from .mcap_container import Topic, is_mcap, messages
-from .mcap_logs import purpose
+from .mcap_frames import holds_frames
+from .mcap_navigation import tells_navigation
 from .readers import FrameReader, NavigationReader, recognise
 from .stamps import Stamps
 
@@ -169,7 +170,9 @@ class TopicCount:
     @property
     def purpose(self) -> str:
         """What it can be read as: `can`, `nav` or `camera`; empty: it is not read."""
-        return "camera" if is_image(self.topic) else purpose(self.topic)
+        if is_image(self.topic):
+            return "camera"
+        return "can" if holds_frames(self.topic) else "nav" if tells_navigation(self.topic) else ""
 
 
 def files_of(path: Path) -> list[Path]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,11 +27,19 @@ class Topic:
         name: The topic.
         schema: Name of its messages' schema.
         encoding: Of its messages: `cdr` (ROS 2), `json`, `protobuf`, `ros1`...
+        definition: What the file holds of the schema itself: text, or for protobuf a FileDescriptorSet.
     """
 
     name: str
     schema: str
     encoding: str
+    definition: bytes = field(default=b"", repr=False)
+
+    @property
+    def ros_schema(self) -> str:
+        """The full name of a ROS 2 message: that of `sensor_msgs/Imu` is `sensor_msgs/msg/Imu`."""
+        package, slash, name = self.schema.partition("/")
+        return self.schema if name.startswith("msg/") or not slash else f"{package}/msg/{name}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,8 +106,9 @@ def messages(path: Path, account: Account, wants: Callable[[Topic], bool]) -> It
         if isinstance(record, Schema):
             schemas[record.id] = record
         elif isinstance(record, Channel) and record.id not in topics:
-            name = schemas[record.schema_id].name if record.schema_id in schemas else ""
-            topic = Topic(record.topic, name, record.message_encoding)
+            schema = schemas.get(record.schema_id)
+            name, definition = (schema.name, schema.data) if schema is not None else ("", b"")
+            topic = Topic(record.topic, name, record.message_encoding, definition)
             topics[record.id] = topic if wants(topic) else None
         elif isinstance(record, Record):
             seen += 1

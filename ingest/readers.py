@@ -19,7 +19,8 @@ from .can.pcap import Pcap
 from .can.python_can_csv import PythonCanCsv
 from .can.trc import Trc
 from .content import head
-from .mcap_logs import McapFrames, McapNavigation
+from .mcap_frames import McapFrames
+from .mcap_navigation import McapNavigation
 from .nmea import Nmea
 from .oxts.kitti import Kitti
 from .oxts.ncom import Ncom
@@ -116,6 +117,16 @@ def recognise(path: Path) -> tuple[Reader, ...]:
         "",
         f"is of no format that is known here ({known}); it begins with {start[:24]!r}. Export it as one of these",
     )
+
+
+def formats_of(path: Path) -> list[str]:
+    """Return the formats that claim a file by its content.
+
+    Raises:
+        InputError: The file is missing or unreadable.
+    """
+    start = head(path)
+    return sorted({reader.format for reader in READERS if reader.sniff(start)})
 
 
 def read_frames(path: str | Path) -> pa.Table:

@@ -10,6 +10,7 @@ from typing import Any, cast
 
 import pyarrow as pa
 
+from ..schemas.config import Nav
 from ..schemas.errors import InputError
 from ..schemas.project import Project, Recording
 from ..schemas.store import describe_output, fingerprint, parquet_writer, publish, publish_table, sha256
@@ -17,8 +18,9 @@ from ..schemas.times import iso_utc
 from .account import Account
 from .cameras import IMAGES, CameraIndex
 from .can.database import Database
+from .mapped_table import mapped_table
 from .oxts.kitti import Kitti
-from .readers import FrameReader, NavigationReader, Reader, recognise
+from .readers import FrameReader, NavigationReader, Reader, formats_of, recognise
 from .recording_cameras import Span, camera_facts, find_cameras, read_cameras, time_in_common
 from .signal_files import as_facts, decode_log, signal_file
 from .stamps import Stamps
@@ -51,7 +53,7 @@ class RawLogs:
     navigation: list[Path] = field(default_factory=list)
 
 
-def read_logs(project: Path, recording: Recording, database: Database, folder: Path, nav_format: str) -> RawLogs:
+def read_logs(project: Path, recording: Recording, database: Database, folder: Path, nav: Nav) -> RawLogs:
     """Decode every file of a recording into `folder`; what cannot be read becomes a problem of its own."""
     logs = RawLogs()
     belonging: set[str] = set()
@@ -61,8 +63,13 @@ def read_logs(project: Path, recording: Recording, database: Database, folder: P
     for name, path in files.items():
         if path.suffix.lower() in IMAGES:
             continue
+        also: list[str] = []
         try:
-            readers = recognise(path)
+            if mapped := mapped_table(name, path, nav):
+                readers: tuple[Reader, ...] = (mapped,)
+                also = formats_of(path)
+            else:
+                readers = recognise(path)
         except InputError as error:
             if path.suffix.lower() in BESIDE_LOGS and path.exists() and name not in cameras:
                 logs.ignored.append(name)
@@ -70,7 +77,7 @@ def read_logs(project: Path, recording: Recording, database: Database, folder: P
                 logs.problems.append(error)
             continue
         for reader in readers:
-            if reader.kind == "nav" and nav_format not in ("auto", reader.format):
+            if reader.kind == "nav" and nav.format not in ("auto", reader.format):
                 logs.ignored.append(name)
                 continue
             if isinstance(reader, Kitti):
@@ -88,6 +95,8 @@ def read_logs(project: Path, recording: Recording, database: Database, folder: P
                 continue  # The format may hold this kind of record; this file does not.
             if stamps.start is not None and stamps.stop is not None:
                 spans.setdefault(reader.kind, []).append((stamps.start, stamps.stop))
+            if also:
+                facts["looks_like"] = also  # The project file names it, and that counts.
             logs.inputs.append(_input_facts(name, path, reader, account, stamps) | facts)
             logs.problems += [*_account_problems(path, account), *stamps.problems(path)]
     _read_cameras(project, recording, cameras, files, spans, logs)

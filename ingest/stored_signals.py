@@ -206,7 +206,7 @@ class NavigationSignal:
         return SampledSignal(time, np.where(_outside(self.name, values), np.nan, values))
 
 
-def find_navigation(files: Sequence[Path]) -> tuple[dict[str, NavigationSignal], Origin | None]:
+def find_navigation(files: Sequence[Path]) -> tuple[dict[str, Signal], Origin | None]:
     """Find every navigation signal that has at least one value, and the place where x and y are zero.
 
     Args:
@@ -230,7 +230,7 @@ def find_navigation(files: Sequence[Path]) -> tuple[dict[str, NavigationSignal],
                 known.add(name)
         if origin := json.loads((schema.metadata or {}).get(b"origin", b"null")):
             origins[first] = Origin(**origin)
-    signals = {
+    signals: dict[str, Signal] = {
         name: NavigationSignal(tuple(files), name, min(stamps), max(stamps)) for name in NAV_SIGNALS if name in known
     }
     return signals, origins[min(origins)] if origins else None

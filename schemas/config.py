@@ -7,9 +7,19 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from .errors import InputError
+from .quantities import QUANTITIES, TIME_QUANTITIES
 from .signals import CAN_SIGNALS
 
 
@@ -97,12 +107,101 @@ class Can(Section):
         return signals
 
 
+class NavSignal(CanSignal):
+    """Where a quantity of navigation comes from on the bus: `"Message.Signal"`, or a table that says more."""
+
+    valid: str | None = Field(
+        default=None,
+        pattern=r"^\w+( < \d+)?$",
+        description="signal of the same message that is 0 where this one says nothing; or, as `Age < 150`, below what "
+        "it is where this one counts",
+    )
+
+
+class Column(Section):
+    """Where a quantity of navigation comes from in a table: the column's name, or a table that says more."""
+
+    column: str = Field(description="name of the column")
+    unit: str | None = Field(default=None, description="its unit; default: the quantity's own")
+    sign: Literal[1, -1] = Field(default=1, description="-1 turns a column of the other direction")
+    scale: float | None = Field(default=None, description="factor to the quantity's own unit, instead of `unit`")
+
+
+class TimeColumn(Section):
+    """When the rows of a table were measured."""
+
+    column: str = Field(description="name of the column")
+    format: Literal[
+        "iso8601", "iso8601-utc", "unix-s", "unix-ms", "unix-us", "unix-ns", "gps-s", "gps-ms", "gps-week-s"
+    ] = Field(description="how it is written")
+    week: str | None = Field(default=None, description="column of the GPS week, for `gps-week-s`")
+
+    @model_validator(mode="after")
+    def _has_week(self) -> TimeColumn:
+        if (self.format == "gps-week-s") != (self.week is not None):
+            raise ValueError("`week` names the column of the GPS week; it goes with the format gps-week-s, and only it")
+        return self
+
+
 class Nav(Section):
     """`[nav]`."""
 
-    format: Literal["auto", "kitti", "mcap", "ncom", "nmea", "oxts-csv", "xcom"] = Field(
-        default="auto", description="the only format that navigation is taken from; auto: any"
+    format: Literal["auto", "can", "columns", "csv", "kitti", "mcap", "ncom", "nmea", "xcom"] = Field(
+        default="auto",
+        description="the only format that navigation is taken from; auto: any file, else decoded CAN signals (`can`); "
+        "`columns`: tables by `[nav.columns]`; `csv`: the text export of OxTS",
     )
+    can: dict[str, Annotated[NavSignal, BeforeValidator(lambda v: {"signal": v} if isinstance(v, str) else v)]] = Field(
+        default_factory=dict,
+        description="navigation from decoded CAN signals; default: those of an OxTS unit where the database has them",
+    )
+    dead_reckoning: bool = Field(
+        default=False,
+        description="where a recording has no position, integrate yaw rate and speed of the bus to a path; the manifest "
+        "says how far it drifts",
+    )
+    latency: float = Field(
+        default=0.0,
+        ge=-10,
+        le=10,
+        description="s, how late frames of `can` come after what they tell was measured; where they tell the time too, "
+        "how much later than that",
+    )
+    files: Annotated[list[str], BeforeValidator(lambda v: [v] if isinstance(v, str) else v)] = Field(
+        default_factory=list,
+        description="one name (`gps*.csv`) or several, of the CSV and Parquet files of `[nav.columns]`",
+    )
+    separator: Literal["auto", ",", ";", "\t", "|"] = Field(
+        default="auto", description="between the cells of a CSV; auto: the one that its first line has most of"
+    )
+    decimal: Literal[".", ","] = Field(default=".", description="decimal mark of a CSV")
+    time: TimeColumn | None = Field(
+        default=None,
+        description="when a row was measured; formats: `iso8601` with a zone, `iso8601-utc` without, `unix-…` since "
+        "1970 UTC, `gps-s` and `gps-ms` since 1980-01-06, `gps-week-s` seconds of the GPS week in column `week`",
+    )
+    columns: dict[str, Annotated[Column, BeforeValidator(lambda v: {"column": v} if isinstance(v, str) else v)]] = (
+        Field(default_factory=dict, description="navigation from the columns of a table")
+    )
+
+    @field_validator("can", "columns")
+    @classmethod
+    def _are_quantities(cls, mapping: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+        known = [*QUANTITIES, *(TIME_QUANTITIES if info.field_name == "can" else ())]
+        if unknown := [name for name in mapping if name not in known]:
+            near = {name: difflib.get_close_matches(name, known, n=1) for name in unknown}
+            said = ", ".join(f"{name} (did you mean {near[name][0]}?)" if near[name] else name for name in unknown)
+            reason = f"no quantity of navigation: {said}; known are {', '.join(known)}"
+            raise ValueError(reason)
+        return mapping
+
+    @model_validator(mode="after")
+    def _is_whole(self) -> Nav:
+        parts = {"files": self.files, "time": self.time, "columns": self.columns}
+        if any(parts.values()) and (missing := [f"nav.{name}" for name, part in parts.items() if not part]):
+            reason = f"a table is read by nav.files, nav.time and nav.columns; missing: {', '.join(missing)}"
+            raise ValueError(reason)
+        return self
 
 
 class Sync(Section):

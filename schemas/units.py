@@ -29,6 +29,10 @@ UNITS: dict[str, tuple[str, float]] = {
 }
 
 
+NANOSECONDS = {"s": 10**9, "sec": 10**9, "ms": 10**6, "µs": 10**3, "us": 10**3, "ns": 1}
+"""ns in a unit of time, as databases write it."""
+
+
 def factor(found: str, stored: str) -> float | None:
     """Return what a value in the unit `found` is multiplied by to be in the unit `stored`.
 

@@ -59,7 +59,7 @@ class OxtsCsv:
         path: The file, plain or compressed.
     """
 
-    format: ClassVar[str] = "oxts-csv"
+    format: ClassVar[str] = "csv"
     kind: ClassVar[str] = "nav"
 
     path: Path

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -19,7 +19,7 @@ from ...schemas.store import publish_json, publish_table, publish_text
 from ...schemas.times import iso_utc
 from .car import Car
 from .driver import Driver, Emergency, Intentions, Motion, drive, intend
-from .logs import DATABASE, MAPPING, SECOND, CanClock, Sensors, can_log, navigation_log
+from .logs import DATABASE, MAPPING, OXTS_DATABASE, SECOND, CanClock, Sensors, can_log, navigation_log, oxts_log
 from .road import Road, generate_road
 from .truth import PERIOD, Origin, truth_table
 
@@ -70,12 +70,14 @@ class Campaign:
         seed: Of all that is random.
         car: What all drive.
         sensors: Of the car and the navigation unit.
+        navigation: How it is recorded: `ncom`, a log of its own, or `can`, on the logger's second bus.
     """
 
     trips: tuple[Trip, ...]
     seed: int = 0
     car: Car = field(default_factory=Car)
     sensors: Sensors = field(default_factory=Sensors)
+    navigation: Literal["ncom", "can"] = "ncom"
 
 
 def demo_campaign(seed: int = 0) -> Campaign:
@@ -189,7 +191,7 @@ def draw_campaign(
 def simulate(directory: Path, campaign: Campaign) -> list[Recording]:
     """Simulate a campaign into a project folder.
 
-    It writes `raw/<driver>/<recording>/can.log` and `nav.ncom`, `truth/<driver>/<recording>.parquet`,
+    It writes `raw/<driver>/<recording>/can.log` and `nav.ncom` (or `oxts.log`), `truth/<driver>/<recording>.parquet`,
     `truth/campaign.json` with all parameters, and `wheelprint.toml` where there is none.
 
     Args:
@@ -258,7 +260,14 @@ def simulate_recording(directory: Path, campaign: Campaign, index: int) -> dict[
     frames = can_log(on_bus, truth, campaign.car, campaign.sensors, trip.clock, trip.can_gaps, database)
     write_candump(folder / "can.log", [frames])
     navigation = navigation_log(in_navigation, truth, campaign.sensors, origin, trip.nav_gaps)
-    write_ncom(folder / "nav.ncom", **asdict(navigation))
+    if campaign.navigation == "can":
+        oxts = load_database([OXTS_DATABASE], directory)
+        start = int(truth["time"][0].value)
+        write_candump(
+            folder / "oxts.log", [oxts_log(in_navigation, navigation, campaign.sensors, trip.clock, start, oxts)]
+        )
+    else:
+        write_ncom(folder / "nav.ncom", **asdict(navigation))
     return {
         "driver": trip.driver.name,
         "recording": trip.name,
@@ -324,12 +333,14 @@ def publish_campaign(directory: Path, campaign: Campaign, entries: list[dict[str
     publish_json(directory / "truth" / "campaign.json", content)
     project = directory / "wheelprint.toml"
     if not project.exists():
-        publish_text(project, project_file(campaign.car))
+        databases = (DATABASE, OXTS_DATABASE) if campaign.navigation == "can" else (DATABASE,)
+        publish_text(project, project_file(campaign.car, databases))
 
 
-def project_file(car: Car) -> str:
+def project_file(car: Car, databases: tuple[str, ...] = (DATABASE,)) -> str:
     """Return the text of a `wheelprint.toml` for simulated logs."""
     signals = "\n".join(f'{name} = "{place}"' for name, place in MAPPING.items())
+    named = ", ".join(f'"{name}"' for name in databases)
     return f"""\
 # Simulated drives. The truth is in truth/; nothing of it is used here.
 
@@ -340,7 +351,7 @@ steering_ratio = "estimate"
 steering_offset = "estimate"
 
 [can]
-database = ["{DATABASE}"]
+database = [{named}]
 
 [can.signals]
 {signals}

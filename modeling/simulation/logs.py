@@ -13,6 +13,8 @@ import pyarrow as pa
 from ...ingest.can.database import Database, MessageLayout
 from ...ingest.can.encode import byd_checksum, encode_payloads
 from ...ingest.can.frames import DATA, ERROR, FrameBatch
+from ...ingest.navigation import remove_gravity
+from ...ingest.oxts.can_writer import encode_oxts
 from .car import Car
 from .driver import coloured_noise
 from .truth import Origin, geodetic
@@ -22,7 +24,7 @@ SECOND = 1_000_000_000
 MICROSECOND = 1000
 GRAVITY = 9.80665  # m/s²
 
-DATABASE = "byd_tang"
+DATABASE, OXTS_DATABASE = "byd_tang", "oxts"
 MAPPING = {
     "steering_wheel_angle": "STEER.ANGLE",
     "steering_wheel_speed": "STEER.ANGLE_RATE",
@@ -49,6 +51,11 @@ MESSAGE_RATES = {
 
 UNKNOWN_RATES = {0x0D5: 20, 0x2B6: 10, 0x496: 2}
 """Hz; identifiers that no database of this car explains, as every real bus has many."""
+
+OXTS_LATENCY = 4_000_000
+"""ns from a measurement of the navigation unit to its first message on the bus."""
+OXTS_SPACING = 250_000
+"""ns between the messages of a cycle, at 500 kbit/s."""
 
 ERROR_ID = 0x088
 ERROR_PAYLOAD = np.array([0, 0, 0x02, 0, 0, 0, 0, 0], np.uint8)
@@ -262,6 +269,62 @@ def _payloads(
     if layout.signals[-1].name == "CHECKSUM":
         payload[:, 7] = byd_checksum(payload)
     return payload
+
+
+def oxts_log(
+    generator: np.random.Generator,
+    measured: NavigationLog,
+    sensors: Sensors,
+    clock: CanClock,
+    start: int,
+    database: Database,
+) -> FrameBatch:
+    """Return the frames that the logger writes of a navigation unit on its second bus, in the order of their stamps.
+
+    Every sample is a cycle of messages: the first comes `OXTS_LATENCY` after it was measured, the others follow at
+    `OXTS_SPACING`.
+
+    Args:
+        generator: Source of jitter.
+        measured: What the unit measures.
+        sensors: With the jitter of the stamps.
+        clock: The logger's.
+        start: Of the recording, ns, UTC.
+        database: With the messages of `oxts`.
+    """
+    heading, pitch, roll = measured.orientation.T
+    forward, left = remove_gravity(measured.acceleration, pitch, roll)
+    streams = encode_oxts(
+        database,
+        time=measured.time,
+        latitude=measured.latitude,
+        longitude=measured.longitude,
+        altitude=measured.altitude,
+        velocity=measured.velocity,
+        orientation=np.column_stack((heading, pitch, roll)),
+        level_acceleration=np.column_stack((forward, -left)),
+        angular_rate=measured.angular_rate,
+    )
+    time = np.concatenate(
+        [measured.time[rows] + OXTS_LATENCY + k * OXTS_SPACING for k, (_, rows, _) in enumerate(streams)]
+    )
+    jitter = np.rint(generator.uniform(-1, 1, len(time)) * (sensors.jitter * SECOND)).astype(np.int64)
+    stamps = (clock.stamp(time, start) + jitter) // MICROSECOND * MICROSECOND
+    order = np.argsort(stamps, kind="stable")
+    n = len(order)
+    identifiers = np.concatenate([np.full(len(rows), identifier) for identifier, rows, _ in streams])
+    lengths = {message.id: message.length for message in database.messages}
+    return FrameBatch(
+        time=stamps[order],
+        channel=np.zeros(n, np.int16),
+        channels=("can1",),
+        id=identifiers[order].astype(np.uint32),
+        extended=np.zeros(n, bool),
+        fd=np.zeros(n, bool),
+        kind=np.full(n, DATA, np.uint8),
+        length=np.array([lengths[identifier] for identifier in identifiers[order].tolist()], np.uint8),
+        data=np.concatenate([payload for _, _, payload in streams])[order],
+    )
 
 
 def _cycle(generator: np.random.Generator, start: int, stop: int, rate: int) -> npt.NDArray[np.int64]:

@@ -17,7 +17,8 @@ import pytest
 from mcap.writer import CompressionType, Writer
 
 from wheelprint.ingest.account import Account
-from wheelprint.ingest.mcap_logs import McapFrames, McapNavigation
+from wheelprint.ingest.mcap_frames import McapFrames
+from wheelprint.ingest.mcap_navigation import McapNavigation
 from wheelprint.ingest.navigation import GRAVITY
 from wheelprint.ingest.oxts.ncom import Ncom
 from wheelprint.ingest.oxts.ncom_writer import write_ncom
@@ -154,10 +155,10 @@ def test_frames_as_json(tmp_path: Path) -> None:
     ]
     assert (account.accepted, account.rejected, account.truncated) == (4, 4, False)
     assert [reason.partition(";")[0][:105] for _, reason in account.rejections] == [
-        "expected a JSON object with id and data",
-        "expected a JSON object with id and data (Only base64 data is allowed)",
-        "expected a JSON object with id and data (AttributeError)",
-        "expected a JSON object with id and data (Expecting property name enclosed in double quotes: line 1 column",
+        "expected a message with id and data",
+        "expected a message with id and data (Only base64 data is allowed)",
+        "expected a JSON object",
+        "expected a JSON object (Expecting property name enclosed in double quotes: line 1 column 2 (char 1))",
     ]
 
 
@@ -189,7 +190,7 @@ def test_messages_that_are_no_frames_are_rejected(tmp_path: Path) -> None:
             f"{len(good) - 1} bytes are too few for can_msgs/msg/Frame",
             "9 bytes of payload are told, 8 are there",
             "expected CDR: four bytes that tell the encoding (00 00 or 00 01 first), then a header",
-            "encoded as 'ros1'; only cdr (ROS 2) and json are read",
+            "encoded as 'ros1'; only cdr (ROS 2), json and protobuf are read",
         )
     ]
     assert account.rejections[0][0].endswith("record 3 of the chunk, topic /can0")
@@ -335,6 +336,18 @@ def test_navigation_messages_of_one_stamp_are_one_sample(tmp_path: Path) -> None
     assert account.accepted == 6
     assert [reason for _, reason in account.rejections] == ["latitude 91 deg, longitude 0 deg is nowhere on earth"]
     assert table.schema.metadata[b"topics"] == b'["/fix", "/imu", "/odom"]'
+
+
+def test_without_odometry_a_twist_tells_the_speed(tmp_path: Path) -> None:
+    twist = cdr(START, *doubles(3, 4, 9, 0, 0, 0))
+    said: list[Said] = [
+        ("/vel", "geometry_msgs/msg/TwistStamped", "cdr", 1, twist),
+        ("/fix", "sensor_msgs/msg/NavSatFix", "cdr", 1, fix(START, 48, 11)),
+    ]
+    table, account = navigation(write(tmp_path / "a.mcap", said))
+    assert account == Account(accepted=2)
+    assert (table["nav_speed"].to_pylist(), table["latitude"].to_pylist()) == ([5.0], [48.0])
+    assert table["course"].null_count == 1
 
 
 def test_it_refuses_other_content() -> None:

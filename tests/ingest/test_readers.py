@@ -52,8 +52,8 @@ def test_unreadable_files_say_why(tmp_path: Path) -> None:
         "too early"
     )
     assert message(write(tmp_path, b"something else")) == (
-        f"{tmp_path}/log: is of no format that is known here (asc, blf, candump, candump-console, crtd, gvret csv, "
-        "kitti, mcap, mf4, ncom, nmea, oxts-csv, pcap, python-can csv, trc, xcom); it begins with b'something else'. "
+        f"{tmp_path}/log: is of no format that is known here (asc, blf, candump, candump-console, crtd, csv, "
+        "gvret csv, kitti, mcap, mf4, ncom, nmea, pcap, python-can csv, trc, xcom); it begins with b'something else'. "
         "Export it as one of these"
     )
 

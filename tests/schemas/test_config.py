@@ -72,3 +72,36 @@ def test_other_encodings_say_so(tmp_path: Path) -> None:
     with pytest.raises(InputError) as error:
         read_config(path)
     assert str(error.value) == f"{path}: byte 19: not UTF-8; save the file as UTF-8 text"
+
+
+def test_what_a_mapping_of_navigation_lacks_or_misspells_is_said(tmp_path: Path) -> None:
+    vehicle = "[vehicle]\nwheelbase = 2.8\n"
+    message = read(tmp_path, f'{vehicle}[nav.can]\nlatitud = "A.b"\nfoo = "A.b"\n')
+    assert message.startswith(
+        "nav.can | nav.can: no quantity of navigation: latitud (did you mean latitude?), foo; known are latitude, "
+    )
+    assert ", course_clockwise, " in message
+    assert "unix_time" in message
+    assert read(tmp_path, f'{vehicle}[nav.columns]\nlatitude = "Lat"\n').startswith(
+        "nav | nav: a table is read by nav.files, nav.time and nav.columns; missing: nav.files, nav.time, found "
+    )
+    message = read(tmp_path, f'{vehicle}[nav]\nfiles = "*"\ntime = {{ column = "t", format = "gps-week-s" }}\n')
+    assert message.startswith(
+        "nav.time | nav.time: `week` names the column of the GPS week; it goes with the format gps-week-s, and only it"
+    )
+    message = read(tmp_path, f'{vehicle}[nav.can.latitude]\nsignal = "A.b"\nvalit = "c"\n')
+    assert message == "nav.can.latitude.valit | nav.can.latitude.valit: unknown key; did you mean valid?"
+
+
+def test_a_mapping_of_navigation(tmp_path: Path) -> None:
+    path = tmp_path / "wheelprint.toml"
+    path.write_text(
+        '[vehicle]\nwheelbase = 2.8\n[nav]\nformat = "csv"\nfiles = "gps*.csv"\n'
+        'time = { column = "t", format = "unix-ms" }\n'
+        '[nav.columns]\nlatitude = "Lat"\nnav_speed = { column = "v", unit = "km/h" }\n'
+        '[nav.can]\nlatitude = "A.b"\nlongitude = { signal = "A.c", valid = "Age < 150" }\n',
+        encoding="utf-8",
+    )
+    nav = read_config(path).nav
+    assert (nav.files, nav.separator, nav.columns["latitude"].column) == (["gps*.csv"], "auto", "Lat")
+    assert (nav.can["latitude"].signal, nav.can["longitude"].valid) == ("A.b", "Age < 150")

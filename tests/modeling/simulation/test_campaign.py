@@ -185,3 +185,11 @@ def test_drawn_campaigns_have_room_for_their_emergencies(seed: int, minutes: flo
     campaign = draw_campaign(seed, 1, 1, minutes)
     entry = simulate_recording(tmp_path, campaign, 0)
     assert len(entry["emergencies"]) == int(minutes // 2)
+
+
+def test_navigation_on_the_second_bus(campaign: Campaign, tmp_path: Path) -> None:
+    simulate(tmp_path, replace(campaign, trips=campaign.trips[:1], navigation="can"))
+    assert sorted(path.name for path in (tmp_path / "raw" / "Anna" / "a").iterdir()) == ["can.log", "oxts.log"]
+    assert 'database = ["byd_tang", "oxts"]' in (tmp_path / "wheelprint.toml").read_text()
+    line = (tmp_path / "raw" / "Anna" / "a" / "oxts.log").read_text().partition("\n")[0]
+    assert " can1 600#" in line

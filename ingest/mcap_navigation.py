@@ -1,14 +1,10 @@
-"""Readers of MCAP: CAN frames and navigation as ROS 2 (CDR) records them, and CAN frames as JSON."""
+"""Reader of navigation in MCAP: as ROS 2 (CDR) and Foxglove (JSON, protobuf) record it."""
 
 from __future__ import annotations
 
-import base64
-import binascii
 import json
-import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -18,7 +14,7 @@ import numpy.typing as npt
 
 from ..schemas.errors import InputError
 from .account import KEPT_REJECTIONS, Account
-from .can.frames import DATA, ERROR, REMOTE, FrameBatch
+from .foxglove_messages import decode_fields
 from .mcap_container import Message, Topic, is_mcap, messages
 from .oxts.ncom import Ncom
 from .ros_messages import decode_cdr
@@ -29,13 +25,11 @@ if TYPE_CHECKING:
     from .navigation import Origin
 
 BATCH = 1 << 16
-"""Frames or samples of a batch, at most."""
+"""Samples of a batch, at most."""
 HOLD = 10_000_000_000
 """ns; so much later may a navigation message come than others of its time."""
 LATEST = np.iinfo(np.int64).max
 
-CLASSIC, FD = "can_msgs/msg/Frame", "ros2_socketcan_msgs/msg/FdFrame"
-JSON_FRAME = re.compile(r"(?i)can.{0,6}(frame|message)")
 NCOM = "oxts_msgs/msg/Ncom"
 FIX, ODOMETRY, TWIST, IMU = (
     "sensor_msgs/msg/NavSatFix",
@@ -43,154 +37,7 @@ FIX, ODOMETRY, TWIST, IMU = (
     "geometry_msgs/msg/TwistStamped",
     "sensor_msgs/msg/Imu",
 )
-LENGTHS = frozenset((*range(9), 12, 16, 20, 24, 32, 48, 64))
-"""Bytes that a payload can have; beyond 8 only in CAN FD."""
-
-
-def _schema(topic: Topic) -> str:
-    return _full_name(topic.schema)
-
-
-@cache
-def _full_name(schema: str) -> str:
-    """Return a schema's full name: `sensor_msgs/Imu` is `sensor_msgs/msg/Imu`."""
-    package, slash, name = schema.partition("/")
-    return schema if name.startswith("msg/") or not slash else f"{package}/msg/{name}"
-
-
-@dataclass(frozen=True, slots=True)
-class McapFrames:
-    """The CAN frames of an MCAP file.
-
-    Read are `can_msgs/msg/Frame` and `ros2_socketcan_msgs/msg/FdFrame` in CDR, and JSON objects whose schema's name
-    holds "can" and "frame" or "message": `id` (number, or text such as `0x1A0`), `data` (base64 or a list of numbers),
-    and where they are there `timestamp` (`sec` and `nsec`) or `header.stamp`, `is_extended`, `is_fd`, `is_rtr`,
-    `is_error`, `dlc`, `channel`. The stamp is the message's own or, if it has none, when it was logged. The channel is
-    what the message says, else the topic without its first slash. Messages of other kinds are not looked at.
-
-    Attributes:
-        path: The file.
-    """
-
-    format: ClassVar[str] = "mcap"
-    kind: ClassVar[str] = "can"
-
-    path: Path
-
-    @staticmethod
-    def sniff(head: bytes) -> bool:
-        """Tell whether `head` begins as MCAP does."""
-        return is_mcap(head)
-
-    def batches(self, account: Account) -> Iterator[FrameBatch]:
-        """Yield the frames in the order of the file; nothing if the file has no topic of frames.
-
-        Raises:
-            InputError: The file cannot be read.
-        """
-        pending: list[tuple[Any, ...]] = []
-        for message in messages(self.path, account, _holds_frames):
-            try:
-                pending.append(_frame(message))
-            except ValueError as error:
-                account.reject(message.where, f"{error}; the message is damaged or of another definition")
-            if len(pending) == BATCH:
-                account.accepted += BATCH
-                yield _frame_batch(pending)
-                pending = []
-        if pending:
-            account.accepted += len(pending)
-            yield _frame_batch(pending)
-
-
-def _holds_frames(topic: Topic) -> bool:
-    return _schema(topic) in {CLASSIC, FD} or (topic.encoding == "json" and JSON_FRAME.search(topic.schema) is not None)
-
-
-def _frame(message: Message) -> tuple[Any, ...]:
-    """Return time, channel, identifier, extended, FD, kind and payload of a message."""
-    topic = message.topic
-    fields: tuple[Any, ...]
-    channel = topic.name.removeprefix("/")
-    requested: int | None = None
-    if topic.encoding == "json":
-        time, channel, identifier, extended, fd, remote, error, data, requested = _json_frame(message.data, channel)
-    elif topic.encoding != "cdr":
-        raise ValueError(f"encoded as {topic.encoding!r}; only cdr (ROS 2) and json are read")
-    elif _schema(topic) == CLASSIC:
-        time, fields = decode_cdr(CLASSIC, message.data)
-        identifier, remote, extended, error, requested, data = fields
-        fd = False
-    else:
-        time, fields = decode_cdr(FD, message.data)
-        identifier, extended, error, requested, data = fields
-        fd, remote = True, False
-    if requested is not None and not remote:
-        if requested > len(data):
-            raise ValueError(f"{requested} bytes of payload are told, {len(data)} are there")
-        data = data[:requested]
-    if error:
-        identifier &= 0x1FFFFFFF  # Drivers leave SocketCAN's flag in it.
-    most = 0x1FFFFFFF if extended or error else 0x7FF
-    if not 0 <= identifier <= most:
-        raise ValueError(f"identifier {identifier:X} is beyond {most:X}")
-    if len(data) not in LENGTHS or (len(data) > 8 and not fd):
-        raise ValueError(f"no {'CAN FD' if fd else 'classic'} frame has {len(data)} bytes of payload")
-    stamp = time or message.time
-    if not 0 <= stamp <= LATEST:
-        raise ValueError("its time is not within the years 1970 to 2262")
-    kind = ERROR if error else REMOTE if remote else DATA
-    return stamp, channel, identifier, bool(extended), fd, kind, b"" if remote else bytes(data)
-
-
-def _json_frame(data: bytes, channel: str) -> tuple[Any, ...]:
-    try:
-        said = json.loads(data)
-        names = {str(name).lower(): value for name, value in said.items()}
-        header = names.get("header") or {}
-        stamp = names.get("timestamp") or names.get("stamp") or header.get("stamp") or {}
-        time = int(stamp.get("sec", 0)) * 1_000_000_000 + int(stamp.get("nsec", stamp.get("nanosec", 0)))
-        identifier = next(names[name] for name in ("id", "can_id", "arbitration_id") if name in names)
-        identifier = int(identifier, 0) if isinstance(identifier, str) else int(identifier)
-        payload = names.get("data") or ""
-        payload = base64.b64decode(payload, validate=True) if isinstance(payload, str) else bytes(payload)
-        flags = [
-            bool(names.get(f"is_{name}", names.get(name, default)))
-            for name, default in (("extended", identifier > 0x7FF), ("fd", len(payload) > 8), ("rtr", False))
-        ]
-        error = bool(names.get("is_error", names.get("error", False)))
-        length = names.get("len", names.get("dlc"))
-        # A DLC of CAN FD is a code, not a length.
-        requested = None if length is None or flags[1] else int(length)
-    except (AttributeError, KeyError, TypeError, OverflowError, UnicodeDecodeError, RecursionError) as problem:
-        raise ValueError(f"expected a JSON object with id and data ({type(problem).__name__})") from None
-    except StopIteration:
-        raise ValueError("expected a JSON object with id and data; it has no id") from None
-    except (binascii.Error, ValueError) as problem:
-        raise ValueError(f"expected a JSON object with id and data ({problem})") from None
-    extended, fd, remote = flags
-    name = names.get("channel", names.get("bus", names.get("interface", channel)))
-    return time, str(name), identifier, extended, fd, remote, error, payload, requested
-
-
-def _frame_batch(frames: list[tuple[Any, ...]]) -> FrameBatch:
-    time, channel, identifier, extended, fd, kind, payload = zip(*frames, strict=True)
-    channels = tuple(dict.fromkeys(channel))
-    number = {name: k for k, name in enumerate(channels)}
-    length = np.array([len(octets) for octets in payload], np.uint8)
-    width = 8 if length.max() <= 8 else 64
-    data = np.frombuffer(b"".join(octets.ljust(width, b"\0") for octets in payload), np.uint8).reshape(-1, width)
-    return FrameBatch(
-        time=np.array(time, np.int64),
-        channel=np.array([number[name] for name in channel], np.int16),
-        channels=channels,
-        id=np.array(identifier, np.uint32),
-        extended=np.array(extended, bool),
-        fd=np.array(fd, bool),
-        kind=np.array(kind, np.uint8),
-        length=length,
-        data=data,
-    )
+LOCATION = "foxglove.LocationFix"
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,7 +45,8 @@ class McapNavigation:
     """The navigation of an MCAP file.
 
     Where there is `oxts_msgs/msg/Ncom`, its raw packets are read as `Ncom` reads them, and nothing else is. Otherwise
-    there is one sample for every stamp that occurs in `NavSatFix` (position, accuracy), `Odometry` (speed, course,
+    there is one sample for every stamp that occurs in `NavSatFix` or, without one, `foxglove.LocationFix` (position,
+    accuracy), `Odometry` (speed, course,
     heading) or, without one, `TwistStamped` (speed), and `Imu` (yaw rate, accelerations, heading): of each kind the
     topic with most messages. Nothing is interpolated: what a stamp's messages do not tell is null.
 
@@ -241,7 +89,7 @@ class McapNavigation:
         with TemporaryDirectory(prefix="wheelprint-mcap-") as folder:
             path = Path(folder) / "packets.ncom"
             with path.open("wb") as file:
-                for message in messages(self.path, account, lambda found: _schema(found) == NCOM):
+                for message in messages(self.path, account, lambda found: found.ros_schema == NCOM):
                     if message.topic.name == topic:
                         try:
                             _, (packet,) = _decoded(message)
@@ -268,7 +116,7 @@ class McapNavigation:
         from .navigation import navigation_batch, origin_metadata
 
         topics = survey.topics
-        origin = survey.origins.get(topics.get(FIX, ""))
+        origin = survey.origins.get(topics.get(FIX, topics.get(LOCATION, "")))
         metadata = {"origin": origin_metadata(origin), "topics": json.dumps(sorted(topics.values()))}
         samples: dict[int, dict[str, float]] = {}
         done = -1
@@ -289,8 +137,8 @@ class McapNavigation:
                 signals["x"], signals["y"] = local_position(latitude, longitude, altitude, origin)
             return navigation_batch(np.array(times, np.int64), signals, metadata)
 
-        for message in messages(self.path, account, lambda topic: topics.get(_schema(topic)) == topic.name):
-            schema = _schema(message.topic)
+        for message in messages(self.path, account, lambda topic: topics.get(topic.ros_schema) == topic.name):
+            schema = message.topic.ros_schema
             try:
                 time, values = _decoded(message)
                 time = time or message.time
@@ -337,13 +185,13 @@ def _survey(path: Path) -> _Survey:
 
     found = _Survey()
     counts: dict[str, dict[str, int]] = {}
-    for message in messages(path, Account(), lambda topic: _schema(topic) in {NCOM, *_TELLS}):
-        schema, name = _schema(message.topic), message.topic.name
+    for message in messages(path, Account(), lambda topic: topic.ros_schema in {NCOM, *_TELLS}):
+        schema, name = message.topic.ros_schema, message.topic.name
         counts.setdefault(schema, {}).setdefault(name, 0)
         counts[schema][name] += 1
-        if schema == FIX and name not in found.origins:
+        if schema in {FIX, LOCATION} and name not in found.origins:
             try:
-                told = _fix(_decoded(message)[1])
+                told = _TELLS[schema](_decoded(message)[1])
             except ValueError:
                 continue
             if all(np.isfinite(told[axis]) for axis in ("latitude", "longitude", "altitude")):
@@ -352,13 +200,22 @@ def _survey(path: Path) -> _Survey:
     found.topics = {schema: max(names, key=names.__getitem__) for schema, names in sorted(counts.items())}
     if ODOMETRY in found.topics:
         found.topics.pop(TWIST, None)
+    if FIX in found.topics:
+        found.topics.pop(LOCATION, None)
     return found
 
 
-def _decoded(message: Message) -> tuple[int, tuple[Any, ...]]:
-    if message.topic.encoding != "cdr":
-        raise ValueError(f"encoded as {message.topic.encoding!r}; only cdr (ROS 2) is read")
-    return decode_cdr(_schema(message.topic), message.data)
+def _decoded(message: Message) -> tuple[int, Any]:
+    """Return stamp and values: of ROS 2's messages a tuple in the order of their definition, of Foxglove's a dict."""
+    topic = message.topic
+    known = {"json", "protobuf"} if topic.ros_schema == LOCATION else {"cdr"}
+    if topic.encoding not in known:
+        raise ValueError(f"encoded as {topic.encoding!r}; only {' and '.join(sorted(known))} of {topic.schema} is read")
+    return (
+        decode_fields(topic, message.data)
+        if topic.ros_schema == LOCATION
+        else decode_cdr(topic.ros_schema, message.data)
+    )
 
 
 def _fix(values: tuple[Any, ...]) -> dict[str, float]:
@@ -370,6 +227,20 @@ def _fix(values: tuple[Any, ...]) -> dict[str, float]:
     variance = covariance[0] + covariance[4]
     accuracy = float(np.sqrt(variance)) if covariance_type and variance >= 0 else np.nan
     return {"latitude": latitude, "longitude": longitude, "altitude": altitude, "position_accuracy": accuracy}
+
+
+def _location(values: dict[str, Any]) -> dict[str, float]:
+    try:
+        covariance = [float(variance) for variance in values.get("positioncovariance") or [0.0] * 9]
+        latitude, longitude = float(values["latitude"]), float(values["longitude"])
+        altitude = values.get("altitude")
+        kind = int(values.get("positioncovariancetype") or 0)
+        place = (latitude, longitude, np.nan if altitude is None else float(altitude))
+    except (KeyError, TypeError, ValueError, OverflowError):
+        raise ValueError("expected latitude, longitude and position_covariance in numbers") from None
+    if len(covariance) != 9:
+        raise ValueError(f"{len(covariance)} covariances of the position, not 9")
+    return _fix((0, 0, *place, *covariance, kind))
 
 
 def _angles(x: float, y: float, z: float, w: float) -> tuple[float, float, float]:
@@ -426,9 +297,15 @@ def _imu(values: tuple[Any, ...]) -> dict[str, float]:
     }
 
 
-_TELLS = {FIX: _fix, ODOMETRY: _odometry, TWIST: _twist, IMU: _imu}
+_TELLS: dict[str, Callable[[Any], dict[str, float]]] = {
+    FIX: _fix,
+    LOCATION: _location,
+    ODOMETRY: _odometry,
+    TWIST: _twist,
+    IMU: _imu,
+}
 
 
-def purpose(topic: Topic) -> str:
-    """Return what a topic can be read as here: `can` or `nav`; empty: it is not looked at."""
-    return "can" if _holds_frames(topic) else "nav" if _schema(topic) in {NCOM, *_TELLS} else ""
+def tells_navigation(topic: Topic) -> bool:
+    """Tell whether a topic can be read here."""
+    return topic.ros_schema in {NCOM, *_TELLS}
