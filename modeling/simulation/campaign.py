@@ -21,7 +21,7 @@ from .car import Car
 from .driver import Driver, Emergency, Intentions, Motion, drive, intend
 from .logs import DATABASE, MAPPING, SECOND, CanClock, Sensors, can_log, navigation_log
 from .road import Road, generate_road
-from .truth import PERIOD, Origin, truth_table
+from .truth import PERIOD, Origin, centre_line_table, truth_table
 
 FIRST_START = 1_715_562_000 * SECOND
 """2024-05-13T01:00:00Z in ns since 1970."""
@@ -189,8 +189,9 @@ def draw_campaign(
 def simulate(directory: Path, campaign: Campaign) -> list[Recording]:
     """Simulate a campaign into a project folder.
 
-    It writes `raw/<driver>/<recording>/can.log` and `nav.ncom`, `truth/<driver>/<recording>.parquet`,
-    `truth/campaign.json` with all parameters, and `wheelprint.toml` where there is none.
+    It writes `raw/<driver>/<recording>/can.log` and `nav.ncom`, `truth/<driver>/<recording>.parquet`, the road's centre
+    line beside it (`<recording>.centre_line.parquet`, which `[lookahead] reference` can name), `truth/campaign.json`
+    with all parameters, and `wheelprint.toml` where there is none.
 
     Args:
         directory: The project folder.
@@ -256,6 +257,7 @@ def simulate_recording(directory: Path, campaign: Campaign, index: int) -> dict[
     road, intentions, motion = _drive_somewhere((on_road, at_wheel), trip, campaign.car, directory)
     truth = truth_table(motion, road, campaign.car, trip.start, origin)
     publish_table(_truth_file(directory, trip), truth)
+    publish_table(_centre_line_file(directory, trip), centre_line_table(motion, road, origin))
     folder = _raw_folder(directory, trip)
     database = load_database([DATABASE], directory)
     frames = can_log(on_bus, truth, campaign.car, campaign.sensors, trip.clock, trip.can_gaps, database)
@@ -315,6 +317,11 @@ database = ["{DATABASE}"]
 
 [can.signals]
 {signals}
+
+# To see how far ahead the drivers really look:
+# [lookahead]
+# definition = "refined"
+# reference = "truth/{{driver}}/{{recording}}.centre_line.parquet"
 """
 
 
@@ -345,6 +352,10 @@ def _raw_folder(directory: Path, trip: Trip) -> Path:
 
 def _truth_file(directory: Path, trip: Trip) -> Path:
     return directory / "truth" / trip.driver.name / f"{trip.name}.parquet"
+
+
+def _centre_line_file(directory: Path, trip: Trip) -> Path:
+    return directory / "truth" / trip.driver.name / f"{trip.name}.centre_line.parquet"
 
 
 def _intervals(start: int, gaps: tuple[tuple[float, float], ...]) -> list[dict[str, str]]:
