@@ -12,8 +12,8 @@ from .steering_lag import Sight, without_lag
 STEP = 0.02
 """Of the logarithm of the distance between the candidates: 2 % apart."""
 
-CHANGE = 0.065
-"""Share by which the distance wanders within a second, standard deviation: at 2 m/s² of braking it is 0.1 to 0.15."""
+CHANGE = 0.1
+"""Share by which the distance wanders within a second, standard deviation: about what 2 m/s² of braking makes of it."""
 
 MEMORY_S = 0.4
 """s; a driver's unsteadiness lasts, and misfits within that time count as one."""
