@@ -72,3 +72,10 @@ def test_other_encodings_say_so(tmp_path: Path) -> None:
     with pytest.raises(InputError) as error:
         read_config(path)
     assert str(error.value) == f"{path}: byte 19: not UTF-8; save the file as UTF-8 text"
+
+
+def test_the_farthest_candidate_is_farther_than_the_nearest(tmp_path: Path) -> None:
+    assert read(tmp_path, "[vehicle]\nwheelbase = 2.8\n[lookahead]\nminimum = 5.0\nmaximum = 5.0\n") == (
+        "lookahead.maximum | lookahead.maximum: the farthest candidate must be farther than the nearest "
+        "(lookahead.minimum), found 5.0"
+    )
