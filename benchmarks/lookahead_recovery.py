@@ -78,7 +78,8 @@ def fit_law(speed: Floats, distance: Floats, minimum: float, maximum: float) -> 
     from scipy.optimize import least_squares
 
     def misfit(law: Floats) -> Floats:
-        return np.log(np.clip(law[0] + law[1] * speed, minimum, maximum) / distance)
+        relative: Floats = np.log(np.clip(law[0] + law[1] * speed, minimum, maximum) / distance)
+        return relative
 
     base, time_ = least_squares(misfit, [5.0, 0.7], loss="soft_l1", f_scale=0.1).x
     return float(base), float(time_)

@@ -201,7 +201,8 @@ def test_the_papers_definition_on_a_simulated_drive_is_that_of_a_plain_loop(
     drives: tuple[Driver, list[Simulated]],
 ) -> None:
     sight = drives[1][0].sight
-    x, y, heading, delta, run = (v[:1500] for v in (sight.x, sight.y, sight.heading, sight.road_wheel_angle, sight.run))
+    x, y, heading, delta = (v[:1500] for v in (sight.x, sight.y, sight.heading, sight.road_wheel_angle))
+    run = sight.run[:1500]
     found, _ = lookahead_distance(x, y, heading, delta, run, CAR.wheelbase, Lookahead())
     for t in range(len(x)):
         candidates = []
@@ -224,7 +225,7 @@ def test_a_given_lag_is_taken_and_too_little_driving_says_nothing(drives: tuple[
     reference = Reference(few.path_x, few.path_y, closed=False, file=Path("a"))
     few = Sight(
         few.x, few.y, few.heading, few.speed, few.road_wheel_angle, few.run, few.path_x, few.path_y, few.first,
-        few.stop, reference, SPACING * few.first,
+        few.stop, reference, few.first * np.float64(SPACING),
     )  # fmt: skip
     nothing = estimate_manner([few], 2.8, Lookahead(), PERIOD, 0.1)
     assert (nothing.lag, nothing.noise, nothing.base) == (0.0, 0.1, None)
