@@ -24,9 +24,11 @@ from ..schemas.tables import DATASET
 from ..schemas.tasks import Outcome, Task
 from .detectors import propose_events
 from .drive import Drive, core_columns, derive
+from .driver_lookahead import driver_lookahead
 from .events import Event, merge_proposals, read_events, write_events
 from .folds import deal_folds
 from .path import Floats
+from .reference import find_references
 from .segments import SIDES, Integers, PathClustering, path_types
 from .steering import Steering, calibrate, steering_series
 
@@ -76,16 +78,19 @@ def plan_build(project: Project, cluster: PathClustering) -> tuple[list[Task], l
     tasks = []
     for driver, files in synced.items():
         own = [event for event in events if event.recording.startswith(f"{driver}/")]
+        references, missing = find_references(project.directory, config.lookahead.reference, driver, files)
+        problems += missing
         made_from = {
             "version": __version__,
             "parameters": _parameters(config, steering),
             "cluster": [getattr(cluster, "__module__", ""), getattr(cluster, "__qualname__", "")],
             "synced": files,
+            "references": references,
             "events": [(e.recording, e.start, e.stop, e.kind) for e in own if e.is_left_out],
         }
         arguments = {
             "project": project.directory, "driver": driver, "synced": files, "events": own, "steering": steering,
-            "config": config, "cluster": cluster,
+            "config": config, "cluster": cluster, "references": references,
         }  # fmt: skip
         tasks.append(Task("dataset", driver, build_driver, arguments, fingerprint(made_from)))
     return tasks, problems
@@ -99,6 +104,7 @@ def build_driver(
     steering: Steering,
     config: Config,
     cluster: PathClustering,
+    references: Mapping[str, tuple[str, str]],
 ) -> Outcome:
     """Build the dataset of one driver and publish one file for each recording.
 
@@ -110,6 +116,7 @@ def build_driver(
         steering: Calibration of the car's steering.
         config: The project file.
         cluster: Clusters the driver's path segments.
+        references: Recording -> path from the project folder and SHA-256 of its reference path, where it has one.
 
     Returns:
         The manifest entry: path types, what was driven, what was left out, outputs; and the recordings without use.
@@ -140,6 +147,8 @@ def build_driver(
     if samples < (needed := config.dataset.folds * SAMPLES_PER_FOLD):
         raise InputError(project, f"driver {driver!r}", _too_little(samples, needed, excluded, problems, config))
 
+    lookahead, manner, doubts = driver_lookahead(project, driver, drives, origins, references, config)
+    problems += doubts
     features = np.concatenate([drive.features for drive in drives.values()])
     labels, means, weights, bic = _path_clusters(features, config, cluster, problems, project, driver)
     fold = deal_folds(samples, config.dataset.folds, config.dataset.seed)
@@ -148,17 +157,17 @@ def build_driver(
     for name, drive in drives.items():
         rows = slice(first_row, first_row := first_row + len(drive.time))
         segments = slice(first_segment, first_segment := first_segment + len(drive.features))
-        file, digest = synced[name]
         metadata = {
             "driver": driver,
             "recording": name,
             "wheelprint": __version__,
             "parameters": json.dumps(_parameters(config, steering), sort_keys=True),
             "origin": origins[name],
-            "inputs": json.dumps({file: digest}, sort_keys=True),
+            "inputs": json.dumps(dict(files[name] for files in (synced, references) if name in files), sort_keys=True),
         }
         path = Project(project).dataset_file(driver, name)
-        publish_table(path, _table(drive, labels[segments], fold[rows]).replace_schema_metadata(metadata))
+        table = _table(drive, lookahead[name], labels[segments], fold[rows])
+        publish_table(path, table.replace_schema_metadata(metadata))
         outputs.append(describe_output(project, path, rows=len(drive.time), recording=name))
     second = 1e9 / config.sync.period
     entry = {
@@ -175,6 +184,7 @@ def build_driver(
             for label, (mean, weight) in enumerate(zip(means, weights, strict=True), start=1)
         ],
         "segments": len(features),
+        "lookahead": manner,
         "bic": [{"clusters": int(count), "bic": float(value)} for count, value in bic],
         "samples": samples,
         "driven_s": samples / second,
@@ -249,7 +259,7 @@ def _parameters(config: Config, steering: Steering) -> dict[str, Any]:
         "vehicle": {"wheelbase": config.vehicle.wheelbase},
         "steering": asdict(steering),
         "dataset": config.dataset.model_dump(),
-        "lookahead": config.lookahead.model_dump(),
+        "lookahead": config.lookahead.model_dump(exclude={"maximum_spread"}),
         "segments": config.segments.model_dump(),
     }
 
@@ -277,7 +287,7 @@ def _path_clusters(
     return labels, means, weights, bic
 
 
-def _table(drive: Drive, labels: Integers, fold: NDArray[np.int16]) -> pa.Table:
+def _table(drive: Drive, lookahead: tuple[Floats, Floats], labels: Integers, fold: NDArray[np.int16]) -> pa.Table:
     begins = np.flatnonzero(np.diff(drive.segment, prepend=-1))
     types = np.array(path_types(labels, drive.run[begins]))
     sides = np.array([SIDES[side] for side in sorted(SIDES)])
@@ -285,6 +295,8 @@ def _table(drive: Drive, labels: Integers, fold: NDArray[np.int16]) -> pa.Table:
         "time": drive.time,
         "run": drive.run,
         **drive.columns,
+        "lookahead": lookahead[0],
+        "lookahead_spread": lookahead[1],
         "segment": drive.segment,
         "path_side": sides[drive.side + 1],
         "path_label": labels[drive.segment].astype(np.int16),

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from ..schemas.config import Config
 from .events import Event, covered
-from .lookahead import lookahead_distance
 from .path import Floats, course_deviation, distance
 from .segments import divide, features
 from .smoothing import moving_average, moving_average_of_angles
@@ -26,7 +25,9 @@ class Drive:
     Attributes:
         time: ns UTC (n_samples,).
         run: Number of the run, from 0; no run has fewer than two samples.
-        columns: The measured and derived columns of the dataset, each (n_samples,), NaN where missing.
+        columns: The measured and derived columns of the dataset but for the lookahead distance, each (n_samples,), NaN
+            where missing.
+        measured: Position, directions, speed and road wheel angle before they were smoothed, by column.
         segment: Segment of every sample, from 0.
         side: 1 left, 0 neutral, -1 right.
         features: MP eq. 3 of every segment (n_segments, 4).
@@ -37,6 +38,7 @@ class Drive:
     time: NDArray[np.int64]
     run: NDArray[np.int32]
     columns: dict[str, Floats]
+    measured: dict[str, Floats]
     segment: NDArray[np.int32]
     side: NDArray[np.int8]
     features: Floats
@@ -108,34 +110,23 @@ def derive(table: pa.Table, events: Iterable[Event], steering: Steering, config:
         column: Floats = chosen[name].to_numpy()
         return column
 
-    x, y = (moving_average(values(name), run, window) for name in ("x", "y"))
-    course, heading = (moving_average_of_angles(values(name), run, window) for name in ("course", "heading"))
-    speed = moving_average(values(core[3]), run, window)
-    wheel = moving_average(values("steering_wheel_angle") - steering.offset, run, window)
-    road_wheel = wheel / steering.ratio
-    deviation = course_deviation(course, run)
-    pointing = np.where(np.isnan(heading), course, heading)
-    lookahead, spread = lookahead_distance(x, y, pointing, road_wheel, run, config.vehicle.wheelbase, config.lookahead)
+    measured = {name: values(name) for name in ("x", "y", "course", "heading")}
+    measured |= {"speed": values(core[3]), "steering_wheel_angle": values("steering_wheel_angle") - steering.offset}
+    smooth = {"course": moving_average_of_angles, "heading": moving_average_of_angles}
+    columns = {name: smooth.get(name, moving_average)(series, run, window) for name, series in measured.items()}
+    for of in (measured, columns):
+        of["road_wheel_angle"] = of["steering_wheel_angle"] / steering.ratio
+    deviation = columns["course_deviation"] = course_deviation(columns["course"], run)
     period = config.sync.period
     segment, side = divide(deviation, run, config.segments.neutral * period / 1e8)
     return Drive(
         chosen["time"].cast(pa.int64()).to_numpy(),
         run,
-        {
-            "x": x,
-            "y": y,
-            "course": course,
-            "heading": heading,
-            "course_deviation": deviation,
-            "speed": speed,
-            "steering_wheel_angle": wheel,
-            "road_wheel_angle": road_wheel,
-            "lookahead": lookahead,
-            "lookahead_spread": spread,
-        },
+        columns,
+        measured,
         segment,
         side,
-        features(deviation, speed, segment, period),
-        distance(x, y, run),
+        features(deviation, columns["speed"], segment, period),
+        distance(columns["x"], columns["y"], run),
         excluded,
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from .clock import MAXIMUM_DRIFT_PPM, MAXIMUM_STANDARD_ERROR_S, ClockEstimate
+from .clock import CONFIDENCE, MAXIMUM_DRIFT_PPM, SHORT_TOLERANCE_S, ClockEstimate
 
 Times = npt.NDArray[np.int64]
 Values = npt.NDArray[np.float64]
@@ -59,7 +59,7 @@ def clock_from_gps(stamps: Times, utc: Times, source: str) -> ClockEstimate:
     doubt = ""
     if np.mean(np.abs(residual) <= IN_STEP_S) < 0.9 or abs(drift) * 1e6 > MAXIMUM_DRIFT_PPM:
         doubt = f"the stamps do not keep step with the time that {source} tells; one of the two clocks was set"
-    elif error > MAXIMUM_STANDARD_ERROR_S:
+    elif CONFIDENCE * error > SHORT_TOLERANCE_S:
         doubt = f"the time that {source} tells is too coarse: the offset has a standard error of {1e3 * error:.0f} ms"
     return ClockEstimate(
         offset_s=0.0 if doubt else base / SECOND + level - drift * middle,

@@ -33,9 +33,7 @@ def absent_sources(
     if "x" not in navigation:
         reason = "no navigation with a valid position; without it there is no path, and no dataset, from this recording"
         if {"speed", "yaw_rate"} <= stored.keys():
-            reason += (
-                ". The bus has speed and yaw rate: nav.dead_reckoning = true integrates them to a path that drifts"
-            )
+            reason += ". The bus has speed and yaw rate: nav.dead_reckoning = true makes a path of them, which drifts"
         problems.append(InputError(recording.folder, "", reason))
     if not stored and mapping:
         reason = "no CAN log with a mapped signal; without it there is no steering, and no dataset, from this recording"

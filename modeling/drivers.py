@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -52,8 +53,13 @@ def modelled_drivers(project: Project) -> tuple[dict[str, dict[str, str]], list[
 
 
 def read_series(project: Path, driver: str, config: Config) -> Series:
-    """Return a driver's dataset."""
-    return Series.from_table(Project(project).dataset(driver), config.sync.period)
+    """Return a driver's dataset, without lookahead distances whose spread is above `lookahead.maximum_spread`."""
+    table = Project(project).dataset(driver)
+    series = Series.from_table(table, config.sync.period)
+    if (share := config.lookahead.maximum_spread) is not None:
+        told = table["lookahead_spread"].to_numpy() <= share * series.lookahead
+        series = replace(series, lookahead=np.where(told, series.lookahead, np.nan))
+    return series
 
 
 def fit_path_types(series: Series, rows: Mask, config: Config) -> PathTypes:

@@ -42,6 +42,7 @@ def plan_evaluation(project: Project) -> tuple[list[Task], list[InputError]]:
         "seed": config.models.seed,
         "period": config.sync.period,
         "embargo": config.dataset.embargo,
+        "maximum_spread": config.lookahead.maximum_spread,
     }
     path_types = {"segments": config.segments.model_dump(), "clustering_seed": config.dataset.seed}
     tasks = []

@@ -47,6 +47,7 @@ def plan_training(project: Project) -> tuple[list[Task], list[InputError]]:
         "models": config.models.model_dump(),
         "segments": config.segments.model_dump(),
         "smoothing_window": config.dataset.smoothing_window,
+        "maximum_spread": config.lookahead.maximum_spread,
         "clustering_seed": config.dataset.seed,
     }
     tasks = []

@@ -157,8 +157,8 @@ class Nav(Section):
     )
     dead_reckoning: bool = Field(
         default=False,
-        description="where a recording has no position, integrate yaw rate and speed of the bus to a path; the manifest "
-        "says how far it drifts",
+        description="where a recording has no position, integrate yaw rate and speed of the bus to a path; the "
+        "manifest says how far it drifts",
     )
     latency: float = Field(
         default=0.0,
@@ -262,16 +262,46 @@ class Dataset(Section):
 
 
 class Lookahead(Section):
-    """`[lookahead]`."""
+    """`[lookahead]`: see `docs/lookahead.md`."""
 
-    points: int = Field(default=50, ge=1, description="N of PP eq. 3: candidate path points ahead")
+    definition: Literal["paper", "refined"] = Field(
+        default="paper",
+        description="paper: the path point whose pure pursuit steering is nearest to the driver's (PP eq. 3); refined: "
+        "between path points, steering lag undone, and continuous where the steering does not tell",
+    )
+    reference: str = Field(
+        default="driven",
+        min_length=1,
+        description="the path that the goal point lies on: driven, the recorded path ahead; or a CSV or Parquet file "
+        "of latitude, longitude (deg) or x, y (m from the recording's origin) in the direction of travel, from the "
+        "project folder; {driver} and {recording} stand for their names",
+    )
+    points: int = Field(default=50, ge=1, description="N of PP eq. 3: candidate points ahead on the driven path")
     minimum: float = Field(default=2.0, ge=0, description="m, the nearest candidate")
     maximum: float = Field(default=100.0, gt=0, description="m, the farthest candidate")
-    steering_noise: float = Field(
-        default=0.1,
-        gt=0,
-        description="deg at the road wheels; candidates this near to the best explain the steering as well",
+    steering_noise: Literal["estimate"] | Annotated[float, Field(gt=0)] = Field(
+        default="estimate",
+        description="deg at the road wheels; distances whose steering is this near to the best explain the steering "
+        "as well; estimate: per driver with a reference and `refined`, else 0.1",
     )
+    steering_lag: Literal["estimate"] | Annotated[float, Field(ge=0, le=1)] = Field(
+        default="estimate",
+        description="s that the road wheels lag what the driver sees, undone by `refined`; estimate: per driver with a "
+        "reference, else 0",
+    )
+    maximum_spread: float | None = Field(
+        default=None,
+        gt=0,
+        description="share of the distance; samples of a larger spread neither train nor test the lookahead models; "
+        "default: all do",
+    )
+
+    @field_validator("maximum")
+    @classmethod
+    def _is_beyond_the_minimum(cls, maximum: float, info: ValidationInfo) -> float:
+        if maximum <= info.data.get("minimum", 0.0):
+            raise ValueError("the farthest candidate must be farther than the nearest (lookahead.minimum)")
+        return maximum
 
 
 class Segments(Section):

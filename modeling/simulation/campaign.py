@@ -21,7 +21,7 @@ from .car import Car
 from .driver import Driver, Emergency, Intentions, Motion, drive, intend
 from .logs import DATABASE, MAPPING, OXTS_DATABASE, SECOND, CanClock, Sensors, can_log, navigation_log, oxts_log
 from .road import Road, generate_road
-from .truth import PERIOD, Origin, truth_table
+from .truth import PERIOD, Origin, centre_line_table, truth_table
 
 FIRST_START = 1_715_562_000 * SECOND
 """2024-05-13T01:00:00Z in ns since 1970."""
@@ -192,6 +192,7 @@ def simulate(directory: Path, campaign: Campaign) -> list[Recording]:
     """Simulate a campaign into a project folder.
 
     It writes `raw/<driver>/<recording>/can.log` and `nav.ncom` (or `oxts.log`), `truth/<driver>/<recording>.parquet`,
+    the road's centre line beside it (`<recording>.centre_line.parquet`, which `[lookahead] reference` can name),
     `truth/campaign.json` with all parameters, and `wheelprint.toml` where there is none.
 
     Args:
@@ -253,8 +254,9 @@ def simulate_recording(directory: Path, campaign: Campaign, index: int) -> dict[
         InputError: The trip is too short for its emergencies.
     """
     trip = campaign.trips[index]
-    truth, origin, intentions, motion, (on_bus, in_navigation) = drive_trip(directory, campaign, index)
+    truth, road, origin, intentions, motion, (on_bus, in_navigation) = drive_trip(directory, campaign, index)
     publish_table(_truth_file(directory, trip), truth)
+    publish_table(_centre_line_file(directory, trip), centre_line_table(motion, road, origin))
     folder = _raw_folder(directory, trip)
     database = load_database([DATABASE], directory)
     frames = can_log(on_bus, truth, campaign.car, campaign.sensors, trip.clock, trip.can_gaps, database)
@@ -287,6 +289,7 @@ class DrivenTrip(NamedTuple):
 
     Attributes:
         truth: In the schema `TRUTH`.
+        road: What was driven on.
         origin: Where the drive begins.
         intentions: What the driver meant to do.
         motion: What the driver did.
@@ -294,6 +297,7 @@ class DrivenTrip(NamedTuple):
     """
 
     truth: pa.Table
+    road: Road
     origin: Origin
     intentions: Intentions
     motion: Motion
@@ -311,7 +315,7 @@ def drive_trip(directory: Path, campaign: Campaign, index: int) -> DrivenTrip:
     origin = Origin(on_road.uniform(39.88, 40.02), on_road.uniform(116.25, 116.45), 45.0)
     road, intentions, motion = _drive_somewhere((on_road, at_wheel), trip, campaign.car, directory)
     truth = truth_table(motion, road, campaign.car, trip.start, origin)
-    return DrivenTrip(truth, origin, intentions, motion, (on_bus, in_navigation))
+    return DrivenTrip(truth, road, origin, intentions, motion, (on_bus, in_navigation))
 
 
 def publish_campaign(directory: Path, campaign: Campaign, entries: list[dict[str, Any]]) -> None:
@@ -355,6 +359,11 @@ database = [{named}]
 
 [can.signals]
 {signals}
+
+# To see how far ahead the drivers really look:
+# [lookahead]
+# definition = "refined"
+# reference = "truth/{{driver}}/{{recording}}.centre_line.parquet"
 """
 
 
@@ -385,6 +394,10 @@ def _raw_folder(directory: Path, trip: Trip) -> Path:
 
 def _truth_file(directory: Path, trip: Trip) -> Path:
     return directory / "truth" / trip.driver.name / f"{trip.name}.parquet"
+
+
+def _centre_line_file(directory: Path, trip: Trip) -> Path:
+    return directory / "truth" / trip.driver.name / f"{trip.name}.centre_line.parquet"
 
 
 def _intervals(start: int, gaps: tuple[tuple[float, float], ...]) -> list[dict[str, str]]:

@@ -72,6 +72,31 @@ TRUTH = pa.schema(
 """One row per 10 ms; metadata `origin`: latitude, longitude, altitude."""
 
 
+CENTRE_LINE = pa.schema(
+    [
+        _column("latitude", "deg", "WGS 84 latitude of a point of the centre line"),
+        _column("longitude", "deg", "WGS 84 longitude of it"),
+    ]
+)
+"""The road that was driven, every `road.STEP` metres, as `[lookahead] reference` takes it."""
+
+BEYOND = 200.0
+"""m of centre line that are written beyond where the drive ends."""
+
+
+def centre_line_table(motion: Motion, road: Road, origin: Origin) -> pa.Table:
+    """Return the centre line of what was driven and of what could be seen from there in the schema `CENTRE_LINE`.
+
+    Args:
+        motion: The drive.
+        road: Where it went.
+        origin: Where the drive begins.
+    """
+    stop = np.searchsorted(road.s, float(motion.arc_length[-1]) + BEYOND, side="right")
+    latitude, longitude, _ = geodetic(road.x[:stop], road.y[:stop], origin)
+    return pa.table([latitude, longitude], schema=CENTRE_LINE)
+
+
 def geodetic(x: FloatArray, y: FloatArray, origin: Origin) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return WGS 84 latitude, longitude (deg) and altitude (m) of a level road (n,) at the origin's altitude.
 

@@ -635,3 +635,46 @@ def test_steering_of_the_wrong_sign_is_said_even_where_numbers_are_given(tmp_pat
         f"{tmp_path}/wheelprint.toml: vehicle.steering_ratio, vehicle.steering_offset: taken as given, although the "
         "steering wheel angle turns against the yaw rate (correlation -"
     )
+
+
+def with_references(folder: Path, missing: str, definition: str) -> Project:
+    """The synthetic drives, each with its own driven path as reference but for one recording."""
+    reference = f'[lookahead]\ndefinition = "{definition}"\nreference = "paths/{{driver}}/{{recording}}.csv"\n'
+
+    def write_reference(driver: str, name: str, signals: dict[str, Floats]) -> None:
+        if f"{driver}/{name}" != missing:
+            path = folder / "paths" / driver / f"{name}.csv"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            lines = [f"{x},{y}" for x, y in zip(signals["x"][60:], signals["y"][60:], strict=True)]
+            path.write_text("\n".join(["x,y", *lines, ""]), encoding="utf-8")
+
+    return make_project(folder, write_reference, CONFIG + reference)
+
+
+@pytest.mark.parametrize("definition", ["paper", "refined"])
+def test_reference_paths_are_read_and_accounted_for(tmp_path: Path, definition: str) -> None:
+    project = with_references(tmp_path / "project", "anna/tuesday", definition)
+    outcomes, problems = build(project)
+    assert [(p.path, p.reason.split(";")[0]) for p in problems] == [
+        (str(project.directory / "paths/anna/tuesday.csv"), "no such file")
+    ]
+    outcome = outcomes["anna"]
+    assert isinstance(outcome, Outcome)
+    facts = outcome.entry["lookahead"]
+    assert (facts["definition"], facts["reference"]) == (definition, "paths/{driver}/{recording}.csv")
+    monday, tuesday = (read_table(project.dataset_file("anna", name)) for name in ("monday", "tuesday"))
+    assert tuesday["lookahead"].null_count == len(tuesday)
+    assert monday["lookahead"].null_count < 0.2 * len(monday)
+    inputs = json.loads(monday.schema.metadata[b"inputs"])
+    assert inputs["paths/anna/monday.csv"] == sha256(project.directory / "paths/anna/monday.csv")
+    assert len(json.loads(tuesday.schema.metadata[b"inputs"])) == 1
+
+    before = {task.name: task.fingerprint for task in plan_build(project, three_labels)[0]}
+    with (project.directory / "paths/anna/monday.csv").open("a", encoding="utf-8") as file:
+        file.write("9999,0\n")
+    tasks, _ = plan_build(project, three_labels)
+    assert [task.name for task in tasks if task.fingerprint != before[task.name]] == ["anna"]
+    (anna,) = (task for task in tasks if task.name == "anna")
+    torn = [p for p in anna.run(**anna.arguments).problems if p.path.endswith("monday.csv")]
+    assert len(torn) == 1
+    assert torn[0].reason.endswith("is the path in order and in one piece?")

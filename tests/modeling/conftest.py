@@ -64,6 +64,7 @@ def drive(rows: int, seed: int) -> dict[str, np.ndarray]:
         "speed": speed,
         "steering_wheel_angle": 3.0 * yaw_rate + rng.normal(0, 1.0, rows),
         "lookahead": lookahead,
+        "lookahead_spread": lookahead * (0.3 + 0.2 * np.sin(t)),
         "segment": segment,
     }
 

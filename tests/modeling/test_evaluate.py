@@ -13,7 +13,9 @@ import pandas as pd
 import pytest
 
 from wheelprint.modeling import cells
+from wheelprint.modeling.drivers import read_series
 from wheelprint.modeling.evaluate import gather_results, plan_evaluation
+from wheelprint.schemas.config import Lookahead
 from wheelprint.schemas.errors import InputError
 from wheelprint.schemas.project import Project
 from wheelprint.schemas.store import Manifest
@@ -152,6 +154,18 @@ def test_samples_without_a_lookahead_distance_are_dropped(results: Project) -> N
     of_persistence = known & before.notna()
     own = lookahead[(lookahead.driver == "b.~") & (lookahead.split == "test") & (lookahead.model == "persistence")]
     assert own.samples.tolist() == [int((of_persistence & (data.fold == fold)).sum()) for fold in range(3)]
+
+
+def test_samples_of_a_large_spread_are_dropped_where_that_is_asked(results: Project) -> None:
+    data = results.dataset("b.~").to_pandas()
+    share = float((data.lookahead_spread / data.lookahead).median())
+    asked = Lookahead(maximum_spread=share)
+    series = read_series(results.directory, "b.~", results.config.model_copy(update={"lookahead": asked}))
+    told = data.lookahead_spread <= share * data.lookahead
+    assert 0 < told.sum() < data.lookahead.notna().sum()
+    np.testing.assert_array_equal(series.lookahead, data.lookahead.where(told))
+    everything = read_series(results.directory, "b.~", results.config)
+    np.testing.assert_array_equal(everything.lookahead, data.lookahead)
 
 
 def test_nothing_of_the_test_fold_is_learnt(

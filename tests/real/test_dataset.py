@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import math
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,14 @@ from numpy.typing import NDArray
 
 from wheelprint.dataset.detectors import propose_events
 from wheelprint.dataset.drive import derive
+from wheelprint.dataset.driver_lookahead import driver_lookahead
 from wheelprint.dataset.events import covered
 from wheelprint.dataset.steering import Steering
 from wheelprint.ingest.convert import plan_conversion
 from wheelprint.schemas.project import Project
 from wheelprint.schemas.store import read_table
+
+Floats = NDArray[np.float64]
 
 GIULIA = """
 [vehicle]
@@ -95,6 +99,39 @@ def test_racing_is_not_cut_to_pieces(racing: tuple[Project, dict[str, pa.Table]]
     assert 0 < absent / samples < 0.1
 
 
+def plain_loop(
+    x: Floats, y: Floats, heading: Floats, delta: Floats, run: NDArray[np.int32], wheelbase: float
+) -> tuple[list[float], list[float]]:
+    """PP eq. 1 to 3 as they stand, N = 50 points between 2 and 100 m, and the spread for a noise of 0.1 deg."""
+    best, spread = [], []
+    for t in range(len(x)):
+        candidates = []
+        for n in range(t + 1, min(t + 51, len(x))):
+            h = math.dist((x[n], y[n]), (x[t], y[t]))
+            if run[n] == run[t] and 2 <= h <= 100:
+                alpha = math.atan2(y[n] - y[t], x[n] - x[t]) - math.radians(heading[t])
+                candidates.append((abs(delta[t] - math.degrees(math.atan(2 * math.sin(alpha) * wheelbase / h))), h))
+        least = min(candidates, default=(math.nan, math.nan))[0]
+        near = [h for error, h in candidates if error <= least + 0.1]
+        best.append(next((h for error, h in candidates if error <= least + 1e-12), math.nan))
+        spread.append(max(near) - min(near) if near else math.nan)
+    return best, spread
+
+
+def test_the_lookahead_distance_of_a_race_is_that_of_a_plain_loop(racing: tuple[Project, dict[str, pa.Table]]) -> None:
+    project, tables = racing
+    drive = derive(tables["car55/indianapolis_06"], [], Steering(13.5, 0.0), project.config)
+    found, facts, problems = driver_lookahead(
+        project.directory, "car55", {"one": drive}, {"one": "null"}, {}, project.config
+    )
+    columns = drive.columns
+    heading = np.where(np.isnan(columns["heading"]), columns["course"], columns["heading"])
+    expected = plain_loop(columns["x"], columns["y"], heading, columns["road_wheel_angle"], drive.run, 2.575)
+    np.testing.assert_allclose(found["one"], expected, rtol=0, atol=1e-9)
+    assert np.isfinite(found["one"][0]).mean() > 0.98
+    assert (facts["definition"], facts["reference"], problems) == ("paper", "driven", [])
+
+
 def test_the_path_of_a_race_is_consistent(racing: tuple[Project, dict[str, pa.Table]]) -> None:
     project, tables = racing
     drive = derive(tables["car55/indianapolis_06"], [], Steering(13.5, 0.0), project.config)
@@ -108,8 +145,4 @@ def test_the_path_of_a_race_is_consistent(racing: tuple[Project, dict[str, pa.Ta
     assert np.quantile(np.abs(np.hypot(np.diff(x), np.diff(y)) / step - 1)[moving], 0.99) < 0.15
     turning = drive.columns["course_deviation"][1:][moving] / speed[1:][moving]
     assert np.corrcoef(turning, drive.columns["road_wheel_angle"][1:][moving])[0, 1] > 0.9
-    known = np.isfinite(drive.columns["lookahead"])
-    assert known.mean() > 0.98
-    assert np.all(drive.columns["lookahead"][known] >= 2)
-    assert np.all(drive.columns["lookahead"][known] <= 100)
     assert sum(drive.excluded.values()) + len(drive.time) == len(tables["car55/indianapolis_06"])

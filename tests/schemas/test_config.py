@@ -105,3 +105,10 @@ def test_a_mapping_of_navigation(tmp_path: Path) -> None:
     nav = read_config(path).nav
     assert (nav.files, nav.separator, nav.columns["latitude"].column) == (["gps*.csv"], "auto", "Lat")
     assert (nav.can["latitude"].signal, nav.can["longitude"].valid) == ("A.b", "Age < 150")
+
+
+def test_the_farthest_candidate_is_farther_than_the_nearest(tmp_path: Path) -> None:
+    assert read(tmp_path, "[vehicle]\nwheelbase = 2.8\n[lookahead]\nminimum = 5.0\nmaximum = 5.0\n") == (
+        "lookahead.maximum | lookahead.maximum: the farthest candidate must be farther than the nearest "
+        "(lookahead.minimum), found 5.0"
+    )
