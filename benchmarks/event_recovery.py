@@ -34,7 +34,8 @@ from wheelprint.dataset.manoeuvres import propose_situations
 from wheelprint.dataset.stretches import Stretch, covered
 from wheelprint.ingest.clock import ClockEstimate
 from wheelprint.ingest.convert import plan_conversion
-from wheelprint.ingest.synchronise import SampledSignal, synchronise
+from wheelprint.ingest.stored_signals import SampledSignal
+from wheelprint.ingest.synchronise import synchronise
 from wheelprint.modeling.simulation.campaign import FASTEST, Campaign, draw_campaign, simulate
 from wheelprint.modeling.simulation.driver import RATE, Emergency, coloured_noise, drive, intend
 from wheelprint.modeling.simulation.road import generate_road
@@ -184,11 +185,9 @@ def _sensed(generator: np.random.Generator, truth: pa.Table, campaign: Campaign,
         "position_accuracy": np.full(n, 0.02),
         "nav_status": np.full(n, 4.0),
     }
-    sampled = {name: SampledSignal(time, values, "", 0) for name, values in (can | navigation).items()}
-    trusted = ClockEstimate.trusted("simulated")
-    return synchronise(
-        {name: sampled[name] for name in can}, {name: sampled[name] for name in navigation}, trusted, PERIOD, MAX_GAP
-    )
+    # The bus's clock is right here, so that its signals may come as navigation's do, from memory.
+    sampled = {name: SampledSignal(time, values) for name, values in (can | navigation).items()}
+    return synchronise({}, sampled, ClockEstimate.trusted("simulated"), PERIOD, MAX_GAP)
 
 
 def without(table: pa.Table, names: Iterable[str]) -> pa.Table:
