@@ -133,6 +133,7 @@ def cut(table: pa.Table, start: int, stop: int, rng: np.random.Generator) -> pa.
         "path_side": np.where(turn > 0.05, "left", np.where(turn < -0.05, "right", "neutral")),
         "path_label": label,
         "path_type": np.full(rows, "1-1-1"),
+        "situation": np.full(rows, "lane change"),
         "fold": np.arange(rows) // 100 % 4,
     }
     arrays = [
@@ -207,7 +208,8 @@ def _dataset_entry(project: Project, driver: str) -> dict[str, Any]:
         "fingerprint": "x", "outputs": outputs, "clusters": clusters, "segments": 74,
         "bic": [{"clusters": k, "bic": 900.0 - 150 * k + 30 * k * k} for k in range(1, 7)],
         "driven_s": 113.0, "distance_m": 1360.0,
-        "excluded": {"hard_braking": 3.0, "swerve": 2.0, "gap": 2.0}, "problems": [],
+        "excluded": {"hard_braking": 3.0, "swerve": 2.0, "gap": 2.0}, "undecided": {"swerve": 2.0},
+        "situations": {"lane change": 8.0}, "problems": [],
     }  # fmt: skip
 
 

@@ -112,3 +112,31 @@ def test_the_farthest_candidate_is_farther_than_the_nearest(tmp_path: Path) -> N
         "lookahead.maximum | lookahead.maximum: the farthest candidate must be farther than the nearest "
         "(lookahead.minimum), found 5.0"
     )
+
+
+def test_a_threshold_is_a_number_or_goes_by_the_driver(tmp_path: Path) -> None:
+    path = tmp_path / "wheelprint.toml"
+    path.write_text(
+        "[vehicle]\nwheelbase = 2.8\n[events]\nhard_braking = 4\nbrake_pressure = { quantile = 0.999 }\n",
+        encoding="utf-8",
+    )
+    events = read_config(path).events
+    assert (events.hard_braking.at_least, events.hard_braking.quantile) == (4.0, None)
+    assert (events.brake_pressure.at_least, events.brake_pressure.quantile) == (0.0, 0.999)
+
+
+def test_wrong_thresholds_are_named(tmp_path: Path) -> None:
+    head = "[vehicle]\nwheelbase = 2.8\n[events]\n"
+    assert read(
+        tmp_path, head + "hard_braking = -1\nskid = { quantil = 0.9 }\nhard_cornering = { quantile = 1 }\n"
+    ) == (
+        "events.hard_braking.at_least, events.hard_cornering.quantile, events.skid.quantil | "
+        "events.hard_braking.at_least: Input should be greater than or equal to 0, found -1; "
+        "events.hard_cornering.quantile: Input should be less than 1, found 1; "
+        "events.skid.quantil: unknown key; did you mean quantile?"
+    )
+
+
+def test_situations_differ(tmp_path: Path) -> None:
+    message = read(tmp_path, '[vehicle]\nwheelbase = 2.8\n[situations]\nnames = ["a", "b", "a"]\n')
+    assert message.startswith("situations.names | situations.names: named twice: a, found")
