@@ -26,9 +26,12 @@ from .detectors import propose_events
 from .drive import Drive, core_columns, derive
 from .events import Event, merge_proposals, read_events, write_events
 from .folds import deal_folds
+from .manoeuvres import propose_situations
 from .path import Floats
 from .segments import SIDES, Integers, PathClustering, path_types
+from .situations import Situation, situation_of, update_situations
 from .steering import Steering, calibrate, steering_series
+from .stretches import Stretch
 
 SAMPLES_PER_FOLD = 60
 """With fewer there is nothing to test: one window of MP takes 51."""
@@ -38,54 +41,62 @@ SEGMENTS_PER_CLUSTER = 10
 
 
 def plan_build(project: Project, cluster: PathClustering) -> tuple[list[Task], list[InputError]]:
-    """Calibrate the steering, bring `events.csv` up to date, and plan one task for each driver.
+    """Calibrate the steering, bring `events.csv` and `situations.csv` up to date, and plan one task for each driver.
 
     Args:
         project: Whose synced tables are built upon.
         cluster: Clusters path segments; a function of a module's top level.
 
     Returns:
-        The tasks, and which recordings and events cannot be used.
+        The tasks, and which recordings, events and situations cannot be used.
 
     Raises:
-        InputError: No recording is converted yet, `events.csv` is wrong, or the steering cannot be calibrated.
+        InputError: No recording is converted yet, `events.csv` or `situations.csv` is wrong, or the steering cannot be
+            calibrated.
     """
     config = project.config
     synced, problems = _synced_files(project)
+    existing, padding = read_events(project.events_file), round(config.events.padding * 1e9)
     proposals: list[Event] = []
+    situations: list[Situation] = []
     steered: list[Floats] = []
     for driver, files in synced.items():
         tables, lost = _read_synced(project, files)
         problems += lost
         synced[driver] = {name: files[name] for name in tables}
         recordings = {f"{driver}/{name}": table for name, table in tables.items()}
-        proposals += propose_events(recordings, config.events, config.sync.period)
+        found = propose_events(recordings, config.events, config.sync.period, config.vehicle.wheelbase)
+        left_out = [event for event in merge_proposals(existing, found, padding) if event.is_left_out]
+        situations += propose_situations(recordings, left_out, config.situations, config.sync.period)
+        proposals += found
         steered += [steering_series(table) for table in tables.values()]
     if not steered:
         reasons = "; ".join(map(str, problems))
         raise InputError(
             project.directory, "", f"no recording is converted; run `wheelprint convert` first ({reasons})"
         )
-    padding = round(config.events.padding * 1e9)
-    write_events(project.events_file, merge_proposals(read_events(project.events_file), proposals, padding))
+    write_events(project.events_file, merge_proposals(existing, proposals, padding))
     events = read_events(project.events_file)
-    problems += _stray_events(project, events)
+    situations = update_situations(project.situations_file, situations, config.situations.names)
+    problems += _strays(project, project.events_file, events) + _strays(project, project.situations_file, situations)
     steering, doubts = calibrate(project, synced, steered)
     problems += doubts
 
     tasks = []
     for driver, files in synced.items():
         own = [event for event in events if event.recording.startswith(f"{driver}/")]
+        driven_in = [situation for situation in situations if situation.recording.startswith(f"{driver}/")]
         made_from = {
             "version": __version__,
             "parameters": _parameters(config, steering),
             "cluster": [getattr(cluster, "__module__", ""), getattr(cluster, "__qualname__", "")],
             "synced": files,
-            "events": [(e.recording, e.start, e.stop, e.kind) for e in own if e.is_left_out],
+            "events": [(e.recording, e.start, e.stop, e.kind, e.decision) for e in own if e.is_left_out],
+            "situations": [(s.recording, s.start, s.stop, s.situation, s.decision) for s in driven_in],
         }
         arguments = {
-            "project": project.directory, "driver": driver, "synced": files, "events": own, "steering": steering,
-            "config": config, "cluster": cluster,
+            "project": project.directory, "driver": driver, "synced": files, "events": own, "situations": driven_in,
+            "steering": steering, "config": config, "cluster": cluster,
         }  # fmt: skip
         tasks.append(Task("dataset", driver, build_driver, arguments, fingerprint(made_from)))
     return tasks, problems
@@ -96,6 +107,7 @@ def build_driver(
     driver: str,
     synced: Mapping[str, tuple[str, str]],
     events: Sequence[Event],
+    situations: Sequence[Situation],
     steering: Steering,
     config: Config,
     cluster: PathClustering,
@@ -107,6 +119,7 @@ def build_driver(
         driver: Whose dataset is built.
         synced: Recording -> path from the project folder and SHA-256 of its synced table.
         events: Of this driver's recordings.
+        situations: Of this driver's recordings.
         steering: Calibration of the car's steering.
         config: The project file.
         cluster: Clusters the driver's path segments.
@@ -120,6 +133,7 @@ def build_driver(
     drives: dict[str, Drive] = {}
     origins: dict[str, str] = {}
     excluded: Counter[str] = Counter()
+    undecided: Counter[str] = Counter()
     problems: list[InputError] = []
     for name, (file, _) in synced.items():
         table = read_table(project / file)
@@ -129,6 +143,7 @@ def build_driver(
             continue
         drive = derive(table, [e for e in events if e.recording == f"{driver}/{name}"], steering, config)
         excluded.update(drive.excluded)
+        undecided.update(drive.undecided)
         if len(drive.time):
             drives[name] = drive
             origins[name] = (table.schema.metadata or {}).get(b"origin", b"null").decode()
@@ -144,6 +159,7 @@ def build_driver(
     labels, means, weights, bic = _path_clusters(features, config, cluster, problems, project, driver)
     fold = deal_folds(samples, config.dataset.folds, config.dataset.seed)
     outputs = []
+    in_situation: Counter[str] = Counter()
     first_row = first_segment = 0
     for name, drive in drives.items():
         rows = slice(first_row, first_row := first_row + len(drive.time))
@@ -158,7 +174,9 @@ def build_driver(
             "inputs": json.dumps({file: digest}, sort_keys=True),
         }
         path = Project(project).dataset_file(driver, name)
-        publish_table(path, _table(drive, labels[segments], fold[rows]).replace_schema_metadata(metadata))
+        situation = situation_of(drive.time, [s for s in situations if s.recording == f"{driver}/{name}"])
+        in_situation.update(one for one in situation if one is not None)
+        publish_table(path, _table(drive, labels[segments], fold[rows], situation).replace_schema_metadata(metadata))
         outputs.append(describe_output(project, path, rows=len(drive.time), recording=name))
     second = 1e9 / config.sync.period
     entry = {
@@ -180,6 +198,8 @@ def build_driver(
         "driven_s": samples / second,
         "distance_m": sum(drive.distance for drive in drives.values()),
         "excluded": {reason: count / second for reason, count in sorted(excluded.items())},
+        "undecided": {kind: count / second for kind, count in sorted(undecided.items())},
+        "situations": {situation: count / second for situation, count in sorted(in_situation.items())},
     }
     return Outcome(entry, tuple(problems))
 
@@ -232,14 +252,14 @@ def _read_synced(
     return tables, problems
 
 
-def _stray_events(project: Project, events: Sequence[Event]) -> list[InputError]:
-    """Return a problem for every recording of `events.csv` that the project does not have."""
+def _strays(project: Project, path: Path, stretches: Sequence[Stretch]) -> list[InputError]:
+    """Return a problem for every recording of a file of stretches that the project does not have."""
     known = [recording.key for recording in project.recordings()]
     problems = []
-    for name in sorted({event.recording for event in events} - set(known)):
+    for name in sorted({stretch.recording for stretch in stretches} - set(known)):
         near = difflib.get_close_matches(name, known, n=1)
         hint = f"did you mean {near[0]}?" if near else "correct or remove its lines"
-        problems.append(InputError(project.events_file, name, f"the project has no such recording; {hint}"))
+        problems.append(InputError(path, name, f"the project has no such recording; {hint}"))
     return problems
 
 
@@ -277,7 +297,7 @@ def _path_clusters(
     return labels, means, weights, bic
 
 
-def _table(drive: Drive, labels: Integers, fold: NDArray[np.int16]) -> pa.Table:
+def _table(drive: Drive, labels: Integers, fold: NDArray[np.int16], situation: NDArray[Any]) -> pa.Table:
     begins = np.flatnonzero(np.diff(drive.segment, prepend=-1))
     types = np.array(path_types(labels, drive.run[begins]))
     sides = np.array([SIDES[side] for side in sorted(SIDES)])
@@ -289,6 +309,7 @@ def _table(drive: Drive, labels: Integers, fold: NDArray[np.int16]) -> pa.Table:
         "path_side": sides[drive.side + 1],
         "path_label": labels[drive.segment].astype(np.int16),
         "path_type": types[drive.segment],
+        "situation": situation,
         "fold": fold,
     }
     return pa.table([pa.array(columns[f.name], f.type, from_pandas=True) for f in DATASET], schema=DATASET)

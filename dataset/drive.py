@@ -32,6 +32,7 @@ class Drive:
         features: MP eq. 3 of every segment (n_segments, 4).
         distance: m driven.
         excluded: Rows of the synced table that are absent, by the reason.
+        undecided: Those of them that are absent because of proposals that nobody decided about, by the kind.
     """
 
     time: NDArray[np.int64]
@@ -42,6 +43,7 @@ class Drive:
     features: Floats
     distance: float
     excluded: dict[str, int]
+    undecided: dict[str, int]
 
 
 def core_columns(config: Config) -> tuple[str, ...]:
@@ -51,7 +53,7 @@ def core_columns(config: Config) -> tuple[str, ...]:
 
 def select_rows(
     table: pa.Table, events: Iterable[Event], core: Sequence[str]
-) -> tuple[NDArray[np.int64], NDArray[np.int32], dict[str, int]]:
+) -> tuple[NDArray[np.int64], NDArray[np.int32], dict[str, int], dict[str, int]]:
     """Return which rows of a synced table are ordinary driving.
 
     Args:
@@ -60,24 +62,28 @@ def select_rows(
         core: Columns that must not be null.
 
     Returns:
-        The rows that remain, ascending; their runs, numbered from 0: what is absent ends a run; and how many rows are
+        The rows that remain, ascending; their runs, numbered from 0: what is absent ends a run; how many rows are
         absent for which reason: `gap` (outside runs), an event's kind, `missing` (of a core column), or `single` (a
-        run of one sample, which has no course deviation). A row counts for the first reason.
+        run of one sample, which has no course deviation), a row counting for the first reason; and how many of these
+        for which kind of proposed events.
     """
     time = table["time"].cast(pa.int64()).to_numpy()
     run = table["run"].fill_null(-1).to_numpy()
     excluded: Counter[str] = Counter()
+    undecided: Counter[str] = Counter()
     keep = np.ones(len(table), dtype=np.bool_)
 
-    def leave_out(reason: str, mask: NDArray[np.bool_]) -> None:
+    def leave_out(reason: str, mask: NDArray[np.bool_], *, is_proposed: bool = False) -> None:
         if absent := int(np.count_nonzero(keep & mask)):
             excluded[reason] += absent
+            if is_proposed:
+                undecided[reason] += absent
             keep[mask] = False
 
     leave_out("gap", run < 0)
     for event in sorted(events):
         if event.is_left_out:
-            leave_out(event.kind, covered(time, [event]))
+            leave_out(event.kind, covered(time, [event]), is_proposed=event.decision == "proposed")
     for name in core:
         leave_out("missing", np.isnan(table[name].to_numpy()))
     before = np.append(False, keep[:-1] & (run[1:] == run[:-1]))
@@ -85,7 +91,7 @@ def select_rows(
     leave_out("single", keep & ~before & ~after)
     rows = np.flatnonzero(keep)
     numbers = np.cumsum(~before[rows]) - 1
-    return rows, numbers.astype(np.int32), dict(excluded)
+    return rows, numbers.astype(np.int32), dict(excluded), dict(undecided)
 
 
 def derive(table: pa.Table, events: Iterable[Event], steering: Steering, config: Config) -> Drive:
@@ -100,7 +106,7 @@ def derive(table: pa.Table, events: Iterable[Event], steering: Steering, config:
         config: The project file.
     """
     core = core_columns(config)
-    rows, run, excluded = select_rows(table, events, core)
+    rows, run, excluded, undecided = select_rows(table, events, core)
     chosen = table.take(pa.array(rows))
     window = config.dataset.smoothing_window
 
@@ -138,4 +144,5 @@ def derive(table: pa.Table, events: Iterable[Event], steering: Steering, config:
         features(deviation, speed, segment, period),
         distance(x, y, run),
         excluded,
+        undecided,
     )

@@ -121,24 +121,87 @@ class Sync(Section):
         return round(1e9 / self.rate)
 
 
-class Events(Section):
-    """`[events]`: thresholds of the emergency detectors, at 10 Hz."""
+class Threshold(Section):
+    """What one detector takes for an emergency: a number, or a table that goes by the driver.
 
-    hard_braking: float = Field(default=5.0, gt=0, description="m/s², deceleration")
-    brake_pressure: float = Field(default=80.0, gt=0, description="bar")
-    swerve_steering_speed: float = Field(default=360.0, gt=0, description="deg/s at the steering wheel")
-    swerve_lateral_acceleration: float = Field(default=6.0, gt=0, description="m/s²")
-    swerve_speed: float = Field(default=5.0, ge=0, description="m/s; slower steering is manoeuvring, not swerving")
-    standstill: float = Field(default=1.0, ge=0, description="m/s; slower is not driving")
+    A number N stands for `{ at_least = N, quantile = 1 - rarity }`.
+    """
+
+    at_least: float = Field(default=0.0, ge=0, description="the threshold is never lower")
+    quantile: float | None = Field(
+        default=None, gt=0, lt=1, description="share of the driver's driving that is no emergency; default: 1 - rarity"
+    )
+
+
+Level = Annotated[Threshold, BeforeValidator(lambda v: {"at_least": v} if isinstance(v, int | float) else v)]
+
+
+def _level(at_least: float, description: str) -> Any:
+    return Field(default=Threshold(at_least=at_least), description=description)
+
+
+class Events(Section):
+    """`[events]`: thresholds of the detectors, at 10 Hz."""
+
+    hard_braking: Level = _level(5.0, "m/s², deceleration")
+    brake_pressure: Level = _level(80.0, "bar")
+    brake_pedal: Level = _level(85.0, "% of its way")
+    hard_acceleration: Level = _level(4.5, "m/s²")
+    swerve_steering_speed: Level = _level(360.0, "deg/s at the steering wheel")
+    swerve_lateral_jerk: Level = _level(15.0, "m/s³, rate of the lateral acceleration")
+    hard_cornering: Level = _level(6.0, "m/s², lateral acceleration")
+    skid: Level = _level(10.0, "deg/s, by which the yaw rate differs from what speed and steering let expect")
+    swerve_speed: float = Field(
+        default=5.0, ge=0, description="m/s; slower steering is manoeuvring, neither swerving nor skidding"
+    )
+    leave: float = Field(default=0.7, gt=0, le=1, description="share of its threshold below which an emergency is over")
     rarity: float = Field(
         default=0.02,
         gt=0,
         lt=1,
         description="share of a driver's driving, of five minutes at least, that one detector may call an emergency; "
-        "for a driver who exceeds a threshold more often, as in racing, it rises to that quantile of theirs",
+        "for a driver who exceeds a threshold more often, as in racing, it rises until no more is left beyond it",
     )
-    minimum_duration: float = Field(default=0.3, ge=0, description="s; shorter excursions are ignored")
+    minimum_duration: float = Field(
+        default=0.3, ge=0, description="s beyond the threshold; shorter excursions are ignored"
+    )
     padding: float = Field(default=1.0, ge=0, description="s, added on both sides of an emergency")
+    standstill: float = Field(default=1.0, ge=0, description="m/s; slower is not driving")
+    reversing: float = Field(default=120.0, gt=0, le=180, description="deg between course and heading; more is reverse")
+    reverse_gears: list[int] = Field(default_factory=list, description="values of `gear` that are reverse")
+    navigation_accuracy: float = Field(
+        default=5.0, gt=0, description="m, standard deviation of the position; worse is not to be trusted"
+    )
+    untrusted_status: list[int] = Field(
+        default=[0, 3, 6, 7, 8],
+        description="values of `nav_status` not to be trusted; default: nothing, locking and expired of NCOM, no fix, "
+        "dead reckoning, manual and simulated of NMEA",
+    )
+
+
+class Situations(Section):
+    """`[situations]`: what stretches of a drive can be tagged with, and what is proposed."""
+
+    names: list[Annotated[str, Field(min_length=1)]] = Field(
+        default=["lane keeping", "lane change", "overtaking", "intersection", "ring road", "highway"],
+        description="what a stretch can be tagged with; of these, lane change, intersection and highway are proposed",
+    )
+    highway_speed: float = Field(default=22.0, gt=0, description="m/s; faster is proposed as highway")
+    highway_duration: float = Field(default=30.0, ge=0, description="s; a shorter stretch is no highway")
+    turn_angle: float = Field(default=60.0, gt=0, description="deg; a turn of more is proposed as intersection")
+    turn_radius: float = Field(default=30.0, gt=0, description="m; wider is a bend of the road")
+    lane_width: tuple[float, float] = Field(
+        default=(2.5, 4.5), description="m; least and most lateral displacement of a lane change"
+    )
+    lane_change_duration: float = Field(default=8.0, gt=0, description="s; slower is no lane change")
+
+    @field_validator("names")
+    @classmethod
+    def _differ(cls, names: list[str]) -> list[str]:
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            reason = f"named twice: {', '.join(twice)}"
+            raise ValueError(reason)
+        return names
 
 
 class Dataset(Section):
@@ -229,6 +292,7 @@ class Config(Section):
     nav: Nav = Nav()
     sync: Sync = Sync()
     events: Events = Events()
+    situations: Situations = Situations()
     dataset: Dataset = Dataset()
     lookahead: Lookahead = Lookahead()
     segments: Segments = Segments()

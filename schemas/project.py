@@ -108,6 +108,11 @@ class Project:
         return self.directory / "events.csv"
 
     @property
+    def situations_file(self) -> Path:
+        """`situations.csv`."""
+        return self.directory / "situations.csv"
+
+    @property
     def results_folder(self) -> Path:
         """`results`."""
         return self.directory / "results"

@@ -80,12 +80,14 @@ DATASET = pa.schema(
         field("path_side", pa.string(), "", "left, right or neutral"),
         field("path_label", pa.int16(), "", "cluster of the segment, from 1"),
         field("path_type", pa.string(), "", "previous, own and next label"),
+        field("situation", pa.string(), "", "driving situation of `situations.csv`; null where nothing says"),
         field("fold", pa.int16(), "", "cross-validation group, from 0"),
     ]
 )
 """What models are trained on: one recording, rows of rejected events absent."""
 
 EVENT_COLUMNS = ("recording", "start", "stop", "kind", "severity", "decision", "decided_by", "note")
+SITUATION_COLUMNS = ("recording", "start", "stop", "situation", "decision", "decided_by", "note")
 
 LOOKAHEAD_COLUMNS = (
     "driver", "model", "components", "regressors", "fold", "split", "mean_error", "mean_sd", "samples",
