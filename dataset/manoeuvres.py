@@ -140,16 +140,20 @@ def _lane_changes(
     # A row that cannot be judged, and every row on which a run begins, counts against all windows that hold it.
     broken = np.cumsum(np.isnan(deviation) & ~begins_run(run) | np.isnan(speed) | (speed < CHANGING_SPEED))
     number = np.cumsum(begins_run(run))
-    displaced = np.zeros(len(run))
+    displaced = travelled = np.zeros(len(run))
     left, right = np.zeros(len(run)), np.zeros(len(run))
     found: list[tuple[int, float, int, float]] = []
     for length in range(1, most + 1):
         kept = len(run) - length
         relative = wrap_degrees(turned[length:] - turned[:kept])
         displaced = displaced[:kept] + np.sin(np.radians(relative)) * stride[length:]
+        travelled = travelled[:kept] + stride[length:]
         left, right = np.maximum(left[:kept], displaced), np.minimum(right[:kept], displaced)
         whole = (number[length:] == number[:kept]) & (broken[length:] == broken[:kept])
-        width = np.abs(displaced)
+        # Against the course at the end as well as that at the start: one that is a degree off leads far astray.
+        width = np.minimum(
+            np.abs(displaced), np.sign(displaced) * (displaced - np.sin(np.radians(relative)) * travelled)
+        )
         astray = np.where(displaced > 0, -right, left)
         fits = whole & (np.abs(relative) < STRAIGHTNESS) & (width > least_width) & (width < most_width)
         fits &= astray < COUNTERSTEER * width

@@ -52,25 +52,32 @@ class Observations:
     def of(cls, recording: str, table: pa.Table, period: int) -> Observations:
         """Return the observations of a synced table.
 
-        A recording without a steering wheel speed has that of its angle; one without any acceleration has that of its
-        speed.
+        A recording without a steering wheel speed has that of its angle; without a longitudinal acceleration, the rate
+        of its speed; without a lateral one, speed times yaw rate, or times the rate of the course.
         """
         names = [name for name in table.column_names if name in SIGNALS]
         values: dict[str, Floats] = {name: table[name].cast(pa.float64()).to_numpy() for name in names}
         run = table["run"].fill_null(-1).to_numpy().astype(np.int64)
         span = max(1, round(RATE_SPAN * 1e9 / period))
 
-        def rate(*columns: str) -> Floats:
-            known = [values[column] for column in columns if not np.isnan(values[column]).all()]
-            return rate_of_change(known[0] if known else values[columns[0]], run, span, period)
+        def lacks(*columns: str) -> bool:
+            return all(np.isnan(values[column]).all() for column in columns)
 
-        if np.isnan(values["steering_wheel_speed"]).all():
+        def rate(*columns: str) -> Floats:
+            column = next((column for column in columns if not lacks(column)), columns[0])
+            change = _shifted(values[column], run, -span) - _shifted(values[column], run, span)
+            return (wrap_degrees(change) if column == "course" else change) / (2e-9 * span * period)
+
+        if lacks("steering_wheel_speed"):
             values["steering_wheel_speed"] = rate("steering_wheel_angle")
-        if all(np.isnan(values[name]).all() for name in ("longitudinal_acceleration", "nav_longitudinal_acceleration")):
+        if lacks("longitudinal_acceleration", "nav_longitudinal_acceleration"):
             values["longitudinal_acceleration"] = rate("speed", "nav_speed")
+        speed = np.where(np.isnan(values["nav_speed"]), np.abs(values["speed"]), values["nav_speed"])
+        if lacks("lateral_acceleration", "nav_lateral_acceleration"):
+            turning = next((values[name] for name in ("yaw_rate", "nav_yaw_rate") if not lacks(name)), rate("course"))
+            values["lateral_acceleration"] = speed * np.radians(turning)
         values["lateral_jerk"] = rate("lateral_acceleration", "nav_lateral_acceleration")
         values["yaw_rate_deviation"] = np.full(len(run), np.nan)
-        speed = np.where(np.isnan(values["nav_speed"]), np.abs(values["speed"]), values["nav_speed"])
         time = table["time"].cast(pa.int64()).to_numpy()
         return cls(recording, time, run, np.where(run < 0, np.nan, speed), values, period)
 
@@ -114,11 +121,6 @@ class Observations:
         """Return where navigation's status or accuracy says that it is not to be trusted."""
         status = np.isin(self.values["nav_status"], settings.untrusted_status)
         return (status | (self.values["position_accuracy"] > settings.navigation_accuracy)) & (self.run >= 0)
-
-
-def rate_of_change(values: Floats, run: NDArray[np.int64], span: int, period: int) -> Floats:
-    """Return the rate per s between the samples `span` before and after each (n_samples,), NaN at the ends of runs."""
-    return (_shifted(values, run, -span) - _shifted(values, run, span)) / (2e-9 * span * period)
 
 
 def _shifted(values: Floats, run: NDArray[np.int64], step: int) -> Floats:
