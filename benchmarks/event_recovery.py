@@ -137,7 +137,7 @@ def drive_trip(campaign: Campaign, index: int) -> Driven:
             break
     truth = truth_table(motion, road, campaign.car, trip.start, Origin(39.9, 116.3, 45.0))
     time = truth["time"].cast(pa.int64()).to_numpy()
-    emergencies = []
+    emergencies: list[tuple[Stretch, str]] = []
     for number, kind in enumerate(intentions.emergencies):
         rows = np.flatnonzero(motion.emergency == number)
         step = 1_000_000_000 // RATE

@@ -115,7 +115,7 @@ def convert(
 def build(
     project: ProjectOption = HERE, workers: WorkersOption = 0, force: ForceOption = False, as_json: JsonOption = False
 ) -> None:
-    """Propose emergencies into events.csv and make the per-driver dataset without them."""
+    """Propose events and situations into events.csv and situations.csv, and make the per-driver dataset."""
     _through_pipeline("build", lambda pipeline: pipeline.build(), project, workers, force, as_json)
 
 

@@ -66,23 +66,27 @@ class Pipeline:
                     yield key, file["path"], back["count"], back["worst_s"], gaps["count"], gaps["longest_s"], at
 
     def build(self) -> None:
-        """Synced tables to `events.csv` and `dataset/`."""
+        """Synced tables to `events.csv`, `situations.csv` and `dataset/`."""
         from .dataset.build import plan_build
         from .modeling.path_types import cluster_segments
 
         self._stage("build", *plan_build(self._project, cluster_segments))
         rows: list[Sequence[Any]] = []
+        left_out: list[Sequence[Any]] = []
         for driver, entry in self._entries("dataset").items():
-            out = (
-                ", ".join(f"{kind} {seconds:.0f} s" for kind, seconds in entry["excluded"].items() if seconds >= 0.5)
-                or "–"
-            )
+            recorded = entry["driven_s"] + sum(entry["excluded"].values())
             rows.append(
                 (driver, entry["driven_s"] / 60, entry["distance_m"] / 1000, entry["segments"],
-                 len(entry["clusters"]), out)
+                 len(entry["clusters"]), 100 * (1 - entry["driven_s"] / recorded))
             )  # fmt: skip
-        heads = ("driver", "minutes", "km", "segments", "path types", "left out")
+            left_out += [
+                (driver, why, seconds, 100 * seconds / recorded, entry["undecided"].get(why))
+                for why, seconds in entry["excluded"].items()
+            ]
+        heads = ("driver", "minutes", "km", "segments", "path types", "left out, %")
         self._report.tables.append(("Dataset", heads, rows))
+        heads = ("driver", "left out because of", "s", "% of the recordings", "s that nobody decided about")
+        self._report.tables.append(("Left out", heads, left_out))
 
     def train(self) -> None:
         """Dataset to `models/`."""

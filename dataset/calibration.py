@@ -122,7 +122,7 @@ def estimate_steering(
     if "ratio" in fitted:
         ratio, ratio_error = fitted["ratio"]
         steered = float(np.std(kinematic))
-        if steered < MINIMUM_STEERING or not ratio_error <= MAXIMUM_RATIO_ERROR * ratio:
+        if steered < MINIMUM_STEERING or ratio <= 0 or not ratio_error <= MAXIMUM_RATIO_ERROR * ratio:
             reasons.append(
                 f"the ratio cannot be told: {ratio:.1f} ± {ratio_error:.1f} from {steered:.2f} deg rms at the road "
                 "wheels; record slow, tight bends, or give vehicle.steering_ratio"

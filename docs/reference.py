@@ -67,7 +67,7 @@ def _section(lines: list[str], model: type[BaseModel], prefix: str) -> None:
     rows, nested = [], []
     for name, info in model.model_fields.items():
         kind = info.annotation
-        if isinstance(kind, type) and issubclass(kind, BaseModel):
+        if isinstance(kind, type) and issubclass(kind, BaseModel) and kind is not config.Threshold:
             nested.append((f"{prefix}{name}", kind))
             continue
         if info.default_factory is not None:
@@ -85,6 +85,11 @@ def _section(lines: list[str], model: type[BaseModel], prefix: str) -> None:
 def _toml(value: object) -> str:
     if isinstance(value, bool):
         return str(value).lower()
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_toml(one) for one in value)}]"
+    if isinstance(value, config.Threshold):
+        table = ", ".join(f"{key} = {number}" for key, number in value.model_dump(exclude_none=True).items())
+        return str(value.at_least) if value.quantile is None else f"{{ {table} }}"
     return f'"{value}"' if isinstance(value, str) else str(value)
 
 
@@ -96,10 +101,12 @@ def _kind(annotation: object) -> str:
         return _kind(typing.get_args(annotation)[0])
     if origin in (typing.Union, types.UnionType):
         return " or ".join(_kind(part) for part in typing.get_args(annotation) if part is not type(None))
-    if origin is list:
+    if origin in (list, tuple):
         return f"list of {_kind(typing.get_args(annotation)[0])}"
     if origin is dict:
         return 'table of canonical = "Message.Signal" or { signal, sign, scale, channel, source }'
+    if annotation is config.Threshold:
+        return f"number or {{ {', '.join(config.Threshold.model_fields)} }}"
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return f"text or {{ {', '.join(annotation.model_fields)} }}"
     return {str: "text", float: "number", int: "whole number", bool: "true or false"}.get(annotation, str(annotation))  # type: ignore[call-overload, no-any-return]
@@ -137,6 +144,7 @@ def stored_tables() -> str:
         lines.append("")
     for title, columns in (
         ("`events.csv`", tables.EVENT_COLUMNS),
+        ("`situations.csv`", tables.SITUATION_COLUMNS),
         ("`results/lookahead.csv`", tables.LOOKAHEAD_COLUMNS),
         ("`results/motion_primitives.csv`", tables.MOTION_PRIMITIVE_COLUMNS),
     ):

@@ -205,6 +205,7 @@ class Content:
                 driver = drive.key.partition("/")[0]
                 recorded[driver] = recorded.get(driver, 0.0) + drive.synced
             blocks.append(tables.excluded_table(self.manifest, recorded))
+            blocks.append(tables.situations_table(self.manifest))
         return blocks
 
     def _maps(self) -> list[Block]:

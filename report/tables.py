@@ -133,27 +133,53 @@ def excluded_table(manifest: Mapping[str, Any], recorded: Mapping[str, float]) -
     rows = []
     for driver, entry in entries(manifest, "dataset"):
         whole = recorded.get(driver, math.nan)
-        parts = [("in the dataset", entry["driven_s"])]
-        parts += [(f"left out: {kind}", seconds) for kind, seconds in entry["excluded"].items()]
-        parts += [("sum", math.fsum(seconds for _, seconds in parts)), ("synced", whole)]
-        for position, (what, seconds) in enumerate(parts):
+        undecided = entry.get("undecided", {})
+        parts = [("in the dataset", entry["driven_s"], None)]
+        parts += [(f"left out: {kind}", s, undecided.get(kind, 0.0)) for kind, s in entry["excluded"].items()]
+        whole_s = math.fsum(seconds for _, seconds, _ in parts)
+        parts += [("sum", whole_s, math.fsum(undecided.values())), ("synced", whole, None)]
+        for position, (what, seconds, of_proposals) in enumerate(parts):
             rows.append(
                 [
                     text(driver if position == 0 else " "),
                     text(what),
                     number(seconds, 1),
                     number(100 * seconds / whole if whole else None, 1),
+                    number(of_proposals or None, 1),
                 ]
             )
     columns = [
         Column("Driver", numeric=False), Column("What", numeric=False), Column("Time", "s"),
-        Column("Share of synced time", "%"),
+        Column("Share of synced time", "%"), Column("Nobody decided", "s"),
     ]  # fmt: skip
     caption = (
         "What is in the dataset, what was left out and why; every synced row counts once. “gap”: outside of runs; "
-        "“missing”: a signal that the dataset needs; “single”: a row alone between others left out."
+        "“missing”: a signal that the dataset needs; “single”: a row alone between others left out; all else are kinds "
+        "of events, left out until somebody calls them normal. “navigation”: its status or accuracy is not to be trusted."
     )
     return Table(caption, columns, rows)
+
+
+def situations_table(manifest: Mapping[str, Any]) -> Table:
+    """Say per driver in which situations the dataset was driven, as `situations.csv` has them.
+
+    Args:
+        manifest: The manifest.
+    """
+    rows = []
+    for driver, entry in entries(manifest, "dataset"):
+        parts = list(entry.get("situations", {}).items())
+        parts.append(("nothing says", entry["driven_s"] - math.fsum(seconds for _, seconds in parts)))
+        for position, (situation, seconds) in enumerate(parts):
+            share = 100 * seconds / entry["driven_s"] if entry["driven_s"] else None
+            rows.append(
+                [text(driver if position == 0 else " "), text(situation), number(seconds, 1), number(share, 1)]
+            )
+    columns = [
+        Column("Driver", numeric=False), Column("Situation", numeric=False), Column("Time", "s"),
+        Column("Share of the dataset", "%"),
+    ]  # fmt: skip
+    return Table("Driving situations in the dataset, proposed or decided.", columns, rows)
 
 
 def cluster_table(manifest: Mapping[str, Any]) -> Table:

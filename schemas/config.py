@@ -136,8 +136,8 @@ class Threshold(Section):
 Level = Annotated[Threshold, BeforeValidator(lambda v: {"at_least": v} if isinstance(v, int | float) else v)]
 
 
-def _level(at_least: float, description: str) -> Any:
-    return Field(default=Threshold(at_least=at_least), description=description)
+def _level(at_least: float, description: str, quantile: float | None = None) -> Any:
+    return Field(default=Threshold(at_least=at_least, quantile=quantile), description=description)
 
 
 class Events(Section):
@@ -148,7 +148,8 @@ class Events(Section):
     brake_pedal: Level = _level(85.0, "% of its way")
     hard_acceleration: Level = _level(4.5, "m/s²")
     swerve_steering_speed: Level = _level(360.0, "deg/s at the steering wheel")
-    swerve_lateral_jerk: Level = _level(15.0, "m/s³, rate of the lateral acceleration")
+    # Jerks are over in tenths of a second, so that the usual share of the time would hold many times as many of them.
+    swerve_lateral_jerk: Level = _level(15.0, "m/s³, rate of the lateral acceleration", 0.995)
     hard_cornering: Level = _level(6.0, "m/s², lateral acceleration")
     skid: Level = _level(10.0, "deg/s, by which the yaw rate differs from what speed and steering let expect")
     swerve_speed: float = Field(
@@ -156,7 +157,7 @@ class Events(Section):
     )
     leave: float = Field(default=0.7, gt=0, le=1, description="share of its threshold below which an emergency is over")
     rarity: float = Field(
-        default=0.02,
+        default=0.0125,
         gt=0,
         lt=1,
         description="share of a driver's driving, of five minutes at least, that one detector may call an emergency; "

@@ -91,7 +91,7 @@ def test_racing_is_not_cut_to_pieces(racing: tuple[Project, dict[str, pa.Table]]
     )
     samples = sum(map(len, tables.values()))
     lateral = np.concatenate([t["nav_lateral_acceleration"].to_numpy() for t in tables.values()])
-    assert np.mean(np.abs(lateral) > project.config.events.swerve_lateral_acceleration) > 0.1
+    assert np.mean(np.abs(lateral) > project.config.events.hard_cornering.at_least) > 0.1
     assert 0 < absent / samples < 0.1
 
 

@@ -207,7 +207,8 @@ def _dataset_entry(project: Project, driver: str) -> dict[str, Any]:
         "fingerprint": "x", "outputs": outputs, "clusters": clusters, "segments": 74,
         "bic": [{"clusters": k, "bic": 900.0 - 150 * k + 30 * k * k} for k in range(1, 7)],
         "driven_s": 113.0, "distance_m": 1360.0,
-        "excluded": {"hard_braking": 3.0, "swerve": 2.0, "gap": 2.0}, "problems": [],
+        "excluded": {"hard_braking": 3.0, "swerve": 2.0, "gap": 2.0}, "undecided": {"swerve": 2.0},
+        "situations": {"lane change": 8.0}, "problems": [],
     }  # fmt: skip
 
 

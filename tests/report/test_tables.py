@@ -17,6 +17,7 @@ from wheelprint.report.tables import (
     excluded_table,
     number,
     recordings_table,
+    situations_table,
 )
 from wheelprint.schemas.config import Config, Sync, Vehicle
 
@@ -70,6 +71,8 @@ MANIFEST: dict[str, Any] = {
             "outputs": [{"path": "dataset/x", "recording": "ring"}],
             "driven_s": 50.0,
             "excluded": {"gap": 5.0, "swerve": 10.0},
+            "undecided": {"swerve": 4.0},
+            "situations": {"highway": 30.0, "lane change": 5.0},
             "clusters": [
                 {"label": 1, "share": 0.25, "duration_s": 8.29, "average_course_deviation_deg": 0.15,
                  "maximum_course_deviation_deg": 0.45, "average_speed_m_s": 33.45 / 3.6},
@@ -103,11 +106,19 @@ def test_the_clock_table() -> None:
 
 def test_what_was_left_out_adds_up_beside_what_was_synced() -> None:
     assert rows(excluded_table(MANIFEST, {"anna": 65.0})) == [
-        ["anna", "in the dataset", "50.0", "76.9"],
-        ["", "left out: gap", "5.0", "7.7"],
-        ["", "left out: swerve", "10.0", "15.4"],
-        ["", "sum", "65.0", "100.0"],
-        ["", "synced", "65.0", "100.0"],
+        ["anna", "in the dataset", "50.0", "76.9", "–"],
+        ["", "left out: gap", "5.0", "7.7", "–"],
+        ["", "left out: swerve", "10.0", "15.4", "4.0"],
+        ["", "sum", "65.0", "100.0", "4.0"],
+        ["", "synced", "65.0", "100.0", "–"],
+    ]
+
+
+def test_situations_add_up_to_the_dataset() -> None:
+    assert rows(situations_table(MANIFEST)) == [
+        ["anna", "highway", "30.0", "60.0"],
+        ["", "lane change", "5.0", "10.0"],
+        ["", "nothing says", "15.0", "30.0"],
     ]
 
 
