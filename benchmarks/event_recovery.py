@@ -90,6 +90,7 @@ class Score:
         normal_s: Driving without emergency and standstill.
         false_alarms: Proposals about nothing, by kind.
         wrong_kind: Emergencies that were found as another kind, by both.
+        weakest: Least severity of an emergency that was found.
     """
 
     emergencies: Counter[str]
@@ -97,6 +98,7 @@ class Score:
     normal_s: float
     false_alarms: Counter[str]
     wrong_kind: Counter[str]
+    weakest: float = np.inf
 
     @property
     def recall(self) -> float:
@@ -214,7 +216,9 @@ def _compare(driven: Driven, proposals: Sequence[Event], total: Score) -> None:
     expected = {"braking": "hard_braking", "swerve": "swerve"}
     for emergency, kind in driven.emergencies:
         total.emergencies[kind] += 1
-        found = [p.kind for p in proposals if p.kind not in STATES and _overlap(p, emergency)]
+        about = [p for p in proposals if p.kind not in STATES and _overlap(p, emergency)]
+        found = [p.kind for p in about]
+        total.weakest = min(total.weakest, max((p.severity for p in about), default=np.inf))
         if not found:
             total.missed[kind] += 1
         elif expected[kind] not in found:
@@ -304,7 +308,7 @@ def tell(title: str, found: Score) -> None:
     print(
         f"{title}: {emergencies - found.missed.total()} of {emergencies} found, recall {found.recall:.4f}; "
         f"{found.false_alarms.total()} false alarms in {found.normal_s / 3600:.2f} h of normal driving, "
-        f"{found.false_per_hour:.3f} per hour"
+        f"{found.false_per_hour:.3f} per hour; the weakest emergency has severity {found.weakest:.2f}"
     )
     for what, counts in (("missed", found.missed), ("false", found.false_alarms), ("other kind", found.wrong_kind)):
         for kind, count in sorted(counts.items()):

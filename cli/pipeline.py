@@ -85,8 +85,8 @@ class Pipeline:
             ]
         heads = ("driver", "minutes", "km", "segments", "path types", "left out, %")
         self._report.tables.append(("Dataset", heads, rows))
-        heads = ("driver", "left out because of", "s", "% of the recordings", "s that nobody decided about")
-        self._report.tables.append(("Left out", heads, left_out))
+        reasons = ("driver", "left out because of", "s", "% of the recordings", "s that nobody decided about")
+        self._report.tables.append(("Left out", reasons, left_out))
 
     def train(self) -> None:
         """Dataset to `models/`."""

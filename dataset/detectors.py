@@ -30,17 +30,19 @@ class Detector:
 
     Attributes:
         kind: Kind of the events it proposes.
-        quantity: Canonical signal, or quantity of `DERIVED`, that it looks at.
+        signal: Canonical signal, or quantity of `DERIVED`, that it looks at.
         sign: 1: positive values count; -1: negative ones; 0: both.
-        threshold: In the quantity's unit; beyond it is an emergency.
+        threshold: In the signal's unit; beyond it is an emergency, unless it has to rise for the driver.
+        share: Of the driver's driving that may lie in its excursions; for more, the threshold rises.
         from_speed: m/s; slower driving is passed over.
         is_flag: Whether the car itself says so, which counts however short it is.
     """
 
     kind: str
-    quantity: str
+    signal: str
     sign: int
-    threshold: Threshold
+    threshold: float
+    share: float
     from_speed: float
     is_flag: bool = False
 
@@ -48,23 +50,29 @@ class Detector:
 def emergency_detectors(settings: Events) -> tuple[Detector, ...]:
     """Return the detectors; one whose signal a recording lacks finds nothing in it."""
     moving, swerving = settings.standstill, max(settings.standstill, settings.swerve_speed)
-    braking, accelerating, cornering = settings.hard_braking, settings.hard_acceleration, settings.hard_cornering
-    raised = Threshold(at_least=0.5)
+    braking, accelerating = level(settings.hard_braking, settings), level(settings.hard_acceleration, settings)
+    cornering = level(settings.hard_cornering, settings)
+    raised = (0.5, settings.rarity)
     return (
-        Detector("hard_braking", "longitudinal_acceleration", -1, braking, moving),
-        Detector("hard_braking", "nav_longitudinal_acceleration", -1, braking, moving),
-        Detector("hard_braking", "brake_pressure", 1, settings.brake_pressure, moving),
-        Detector("hard_braking", "brake_pedal", 1, settings.brake_pedal, moving),
-        Detector("hard_acceleration", "longitudinal_acceleration", 1, accelerating, moving),
-        Detector("hard_acceleration", "nav_longitudinal_acceleration", 1, accelerating, moving),
-        Detector("swerve", "steering_wheel_speed", 0, settings.swerve_steering_speed, swerving),
-        Detector("swerve", "lateral_jerk", 0, settings.swerve_lateral_jerk, swerving),
-        Detector("hard_cornering", "lateral_acceleration", 0, cornering, swerving),
-        Detector("hard_cornering", "nav_lateral_acceleration", 0, cornering, swerving),
-        Detector("skid", "yaw_rate_deviation", 0, settings.skid, swerving),
-        Detector("abs", "abs_active", 1, raised, moving, is_flag=True),
-        Detector("esc", "esc_active", 1, raised, moving, is_flag=True),
+        Detector("hard_braking", "longitudinal_acceleration", -1, *braking, moving),
+        Detector("hard_braking", "nav_longitudinal_acceleration", -1, *braking, moving),
+        Detector("hard_braking", "brake_pressure", 1, *level(settings.brake_pressure, settings), moving),
+        Detector("hard_braking", "brake_pedal", 1, *level(settings.brake_pedal, settings), moving),
+        Detector("hard_acceleration", "longitudinal_acceleration", 1, *accelerating, moving),
+        Detector("hard_acceleration", "nav_longitudinal_acceleration", 1, *accelerating, moving),
+        Detector("swerve", "steering_wheel_speed", 0, *level(settings.swerve_steering_speed, settings), swerving),
+        Detector("swerve", "lateral_jerk", 0, *level(settings.swerve_lateral_jerk, settings), swerving),
+        Detector("hard_cornering", "lateral_acceleration", 0, *cornering, swerving),
+        Detector("hard_cornering", "nav_lateral_acceleration", 0, *cornering, swerving),
+        Detector("skid", "yaw_rate_deviation", 0, *level(settings.skid, settings), swerving),
+        Detector("abs", "abs_active", 1, *raised, moving, is_flag=True),
+        Detector("esc", "esc_active", 1, *raised, moving, is_flag=True),
     )
+
+
+def level(threshold: Threshold, settings: Events) -> tuple[float, float]:
+    """Return the number that a threshold starts from, and the share of the driving that may lie beyond it."""
+    return threshold.at_least, settings.rarity if threshold.quantile is None else 1 - threshold.quantile
 
 
 def propose_events(
@@ -101,12 +109,11 @@ def propose_events(
     for detector in emergency_detectors(settings):
         amounts = [_amounts(one, detector) for one in observed]
         needed = 1 if detector.is_flag else least
-        quantile = detector.threshold.quantile
         threshold = risen_threshold(
             np.concatenate(amounts),
             run,
-            detector.threshold.at_least,
-            settings.rarity if quantile is None else 1 - quantile,
+            detector.threshold,
+            detector.share,
             settings.leave,
             needed,
             round(SHORTEST_DRIVING * 1e9 / period),
@@ -144,10 +151,10 @@ class _Excursion:
 
     @property
     def note(self) -> str:
-        quantity, peak = self.detector.quantity, self.peak * (self.detector.sign or 1)
+        signal, peak = self.detector.signal, self.peak * (self.detector.sign or 1)
         if self.detector.is_flag:
-            return quantity
-        return f"{quantity} {peak:.3g} {unit_of(quantity)} (threshold {self.threshold:.3g})"
+            return signal
+        return f"{signal} {peak:.3g} {unit_of(signal)} (threshold {self.threshold:.3g})"
 
 
 def _expecting_yaw_rates(observed: list[Observations], period: int, wheelbase: float) -> list[Observations]:
@@ -173,7 +180,7 @@ def _joined_runs(observed: Sequence[Observations]) -> NDArray[np.int64]:
 
 def _amounts(observed: Observations, detector: Detector) -> Floats:
     """Return what the detector compares with its threshold (n_samples,), NaN where it passes over."""
-    values = observed.values[detector.quantity]
+    values = observed.values[detector.signal]
     amounts = np.abs(values) if detector.sign == 0 else detector.sign * values
     return np.where((observed.run < 0) | (observed.speed < detector.from_speed), np.nan, amounts)
 
@@ -222,10 +229,10 @@ def _touching(found: Collection[_Excursion]) -> Iterator[list[_Excursion]]:
 
 def _event(recording: str, group: Sequence[_Excursion]) -> Event:
     """Return the proposal that stands for excursions that touch; its note says the strongest one of each quantity."""
-    by_severity = sorted(group, key=lambda one: (-one.severity, one.start, one.detector.quantity))
+    by_severity = sorted(group, key=lambda one: (-one.severity, one.start, one.detector.signal))
     notes: dict[str, str] = {}
     for one in by_severity:
-        notes.setdefault(one.detector.quantity, one.note)
+        notes.setdefault(one.detector.signal, one.note)
     return Event(
         recording,
         min(one.start for one in group),

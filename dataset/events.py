@@ -36,6 +36,7 @@ class Event(Stretch):
         decision: `proposed` by a detector, or decided by a person: `emergency` or `normal`.
         decided_by: Who decided; empty for a proposal.
         note: Free text; of a proposal, what each detector measured.
+        decided_at: When it was decided, ISO 8601 UTC; empty for a proposal and where it is not known.
     """
 
     kind: str
@@ -43,6 +44,7 @@ class Event(Stretch):
     decision: Decision
     decided_by: str
     note: str
+    decided_at: str = ""
 
     @property
     def is_left_out(self) -> bool:
@@ -51,7 +53,7 @@ class Event(Stretch):
 
 
 def read_events(path: Path) -> list[Event]:
-    """Read `events.csv`, sorted; the columns may stand in any order. No file, no events.
+    """Read `events.csv`, sorted; the columns may stand in any order, `decided_at` may be absent. No file, no events.
 
     Raises:
         InputError: The file cannot be read, or lines of it are wrong; one message lists all of them.
@@ -103,4 +105,5 @@ def _event(stretch: Stretch, values: Mapping[str, str]) -> Event:
         cast("Decision", values["decision"]),
         values["decided_by"],
         values["note"],
+        values["decided_at"],
     )

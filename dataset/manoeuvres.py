@@ -87,6 +87,7 @@ def _propose(
                 name,
                 "proposed",
                 "",
+                "",
                 note,
             )
             for first, last, note in found

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from ..schemas.tables import SITUATION_COLUMNS
 from .stretches import Stretch, merge, read_stretches, write_stretches
 
-Tagging = Literal["proposed", "decided"]
-TAGGINGS: tuple[Tagging, ...] = get_args(Tagging)
+Verdict = Literal["proposed", "confirmed", "rejected"]
+VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -26,24 +26,28 @@ class Situation(Stretch):
         recording: `driver/recording`.
         start: ns UTC.
         stop: ns UTC, after `start`.
-        situation: One of the project's; empty where a person decided that it is none of them.
-        decision: `proposed` by a detector, or `decided` by a person.
+        situation: What was driven, `lane change` for example.
+        decision: `proposed` from the data, or decided by a person: `confirmed` or `rejected`.
         decided_by: Who decided; empty for a proposal.
+        decided_at: When it was decided, ISO 8601 UTC; empty for a proposal and where it is not known.
         note: Free text; of a proposal, what was measured.
     """
 
     situation: str
-    decision: Tagging
+    decision: Verdict
     decided_by: str
+    decided_at: str
     note: str
 
 
-def read_situations(path: Path, names: Sequence[str]) -> list[Situation]:
-    """Read `situations.csv`, sorted; the columns may stand in any order. No file, no situations.
+def read_situations(path: Path, names: Sequence[str] | None = None) -> list[Situation]:
+    """Read `situations.csv`, sorted; the columns may stand in any order, `decided_at` may be absent.
+
+    No file, no situations.
 
     Args:
         path: The file.
-        names: The project's situations; what was once proposed may be another.
+        names: The project's situations, of which every confirmed one must be; None for any.
 
     Raises:
         InputError: The file cannot be read, or lines of it are wrong; one message lists all of them.
@@ -51,19 +55,19 @@ def read_situations(path: Path, names: Sequence[str]) -> list[Situation]:
 
     def complain(values: Mapping[str, str]) -> Iterator[str]:
         found = values["situation"]
-        if values["decision"] not in TAGGINGS:
-            yield f"decision: expected {' or '.join(TAGGINGS)}, found {values['decision']!r}"
-        elif values["decision"] == "decided" and found not in ("", *names):
+        if values["decision"] not in VERDICTS:
+            yield f"decision: expected {', '.join(VERDICTS[:-1])} or {VERDICTS[-1]}, found {values['decision']!r}"
+        if not found:
+            yield "situation: expected a name such as lane change, found nothing"
+        elif names is not None and values["decision"] == "confirmed" and found not in names:
             near = difflib.get_close_matches(found, names, n=1)
             hint = f"did you mean {near[0]}?" if near else "add it to wheelprint.toml: [situations] names"
-            yield f"situation: expected {', '.join(names)} or nothing, found {found!r}; {hint}"
+            yield f"situation: expected {' or '.join(names)}, found {found!r}; {hint}"
 
     def make(stretch: Stretch, values: Mapping[str, str]) -> Situation:
-        decision = cast("Tagging", values["decision"])
-        return Situation(
-            stretch.recording, stretch.start, stretch.stop, values["situation"], decision, values["decided_by"],
-            values["note"],
-        )  # fmt: skip
+        decision = cast("Verdict", values["decision"])
+        texts = (values[name] for name in ("decided_by", "decided_at", "note"))
+        return Situation(stretch.recording, stretch.start, stretch.stop, values["situation"], decision, *texts)
 
     return read_stretches(path, SITUATION_COLUMNS, complain, make)
 
@@ -76,10 +80,12 @@ def write_situations(path: Path, situations: Iterable[Situation]) -> None:
 def update_situations(path: Path, proposed: Iterable[Situation], names: Sequence[str]) -> list[Situation]:
     """Put new proposals in place of the old ones in `situations.csv`, decisions untouched, and return its content.
 
+    Nothing is proposed where a person has confirmed or rejected something.
+
     Raises:
         InputError: See `read_situations`.
     """
-    decided = [situation for situation in read_situations(path, names) if situation.decision == "decided"]
+    decided = [situation for situation in read_situations(path, names) if situation.decision != "proposed"]
     write_situations(path, merge(decided, proposed, lambda _: 0))
     return read_situations(path, names)
 
@@ -87,13 +93,15 @@ def update_situations(path: Path, proposed: Iterable[Situation], names: Sequence
 def situation_of(time: NDArray[np.int64], situations: Iterable[Situation]) -> NDArray[Any]:
     """Return the situation of every time (n_samples,), ascending ns UTC, None where nothing says.
 
-    Where stretches overlap, decisions come before proposals, and of either the one that begins last counts.
+    Where stretches overlap, confirmed ones come before proposals, and of either the one that begins last counts;
+    rejected ones say nothing.
 
     Args:
         time: Of one recording.
         situations: Of the same recording.
     """
     names: NDArray[Any] = np.full(len(time), None, dtype=object)
-    for one in sorted(situations, key=lambda one: (one.decision == "decided", one.start)):
-        names[np.searchsorted(time, one.start) : np.searchsorted(time, one.stop)] = one.situation or None
+    said = (one for one in situations if one.decision != "rejected")
+    for one in sorted(said, key=lambda one: (one.decision == "confirmed", one.start)):
+        names[np.searchsorted(time, one.start) : np.searchsorted(time, one.stop)] = one.situation
     return names

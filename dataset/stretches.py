@@ -63,11 +63,13 @@ def read_stretches(
     complain: Callable[[Mapping[str, str]], Iterable[str]],
     make: Callable[[Stretch, Mapping[str, str]], S],
 ) -> list[S]:
-    """Read a CSV file of stretches, sorted; the columns may stand in any order. No file, no stretches.
+    """Read a CSV file of stretches, sorted; the columns may stand in any order, `decided_at` may be absent.
+
+    No file, no stretches.
 
     Args:
         path: The file.
-        columns: Its columns, the attributes of `Stretch` among them.
+        columns: Its columns, the attributes of `Stretch` and `decided_at` among them.
         complain: Tells what is wrong with the other columns of a line.
         make: Makes the stretch of a line that is right.
 
@@ -84,7 +86,7 @@ def read_stretches(
         raise InputError(path, f"byte {error.start}", "not UTF-8; save the file as UTF-8 text") from None
     rows = _rows(text)
     first, header = next(rows, (1, []))
-    if isinstance(header, str) or sorted(header) != sorted(columns):
+    if isinstance(header, str) or sorted([*header, *{"decided_at"}.difference(header)]) != sorted(columns):
         found = header if isinstance(header, str) else ", ".join(header) or "nothing"
         reason = (
             f"expected the columns {', '.join(columns)}, separated by commas, found {found}; "
@@ -100,8 +102,8 @@ def read_stretches(
         elif len(row) != len(header):
             wrong[line] = f"expected {len(header)} fields, found {len(row)}"
         else:
-            values = dict(zip(header, row, strict=True))
-            if complaints := [*_complaints(values), *complain(values)]:
+            values = {"decided_at": "", **dict(zip(header, row, strict=True))}
+            if complaints := [*_complaints(values), *complain(values), *_complaints_of_moment(values)]:
                 wrong[line] = ", ".join(complaints)
             else:
                 stretch = Stretch(values["recording"], parse_stamp(values["start"]), parse_stamp(values["stop"]))
@@ -212,3 +214,11 @@ def _complaints(values: Mapping[str, str]) -> Iterator[str]:
             yield f"{name}: {error}"
     if len(times) == 2 and times[0] >= times[1]:
         yield f"stop: expected a time after start, found {values['stop']} after {values['start']}"
+
+
+def _complaints_of_moment(values: Mapping[str, str]) -> Iterator[str]:
+    if values["decided_at"]:
+        try:
+            parse_stamp(values["decided_at"])
+        except ValueError as error:
+            yield f"decided_at: {error}"

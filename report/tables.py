@@ -134,7 +134,7 @@ def excluded_table(manifest: Mapping[str, Any], recorded: Mapping[str, float]) -
     for driver, entry in entries(manifest, "dataset"):
         whole = recorded.get(driver, math.nan)
         undecided = entry.get("undecided", {})
-        parts = [("in the dataset", entry["driven_s"], None)]
+        parts: list[tuple[str, float, float | None]] = [("in the dataset", entry["driven_s"], None)]
         parts += [(f"left out: {kind}", s, undecided.get(kind, 0.0)) for kind, s in entry["excluded"].items()]
         whole_s = math.fsum(seconds for _, seconds, _ in parts)
         parts += [("sum", whole_s, math.fsum(undecided.values())), ("synced", whole, None)]
@@ -155,7 +155,8 @@ def excluded_table(manifest: Mapping[str, Any], recorded: Mapping[str, float]) -
     caption = (
         "What is in the dataset, what was left out and why; every synced row counts once. “gap”: outside of runs; "
         "“missing”: a signal that the dataset needs; “single”: a row alone between others left out; all else are kinds "
-        "of events, left out until somebody calls them normal. “navigation”: its status or accuracy is not to be trusted."
+        "of events, left out until somebody calls them normal; “navigation”: its status or accuracy is not to be "
+        "trusted."
     )
     return Table(caption, columns, rows)
 
@@ -172,9 +173,7 @@ def situations_table(manifest: Mapping[str, Any]) -> Table:
         parts.append(("nothing says", entry["driven_s"] - math.fsum(seconds for _, seconds in parts)))
         for position, (situation, seconds) in enumerate(parts):
             share = 100 * seconds / entry["driven_s"] if entry["driven_s"] else None
-            rows.append(
-                [text(driver if position == 0 else " "), text(situation), number(seconds, 1), number(share, 1)]
-            )
+            rows.append([text(driver if position == 0 else " "), text(situation), number(seconds, 1), number(share, 1)])
     columns = [
         Column("Driver", numeric=False), Column("Situation", numeric=False), Column("Time", "s"),
         Column("Share of the dataset", "%"),

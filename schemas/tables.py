@@ -86,8 +86,8 @@ DATASET = pa.schema(
 )
 """What models are trained on: one recording, rows of rejected events absent."""
 
-EVENT_COLUMNS = ("recording", "start", "stop", "kind", "severity", "decision", "decided_by", "note")
-SITUATION_COLUMNS = ("recording", "start", "stop", "situation", "decision", "decided_by", "note")
+EVENT_COLUMNS = ("recording", "start", "stop", "kind", "severity", "decision", "decided_by", "note", "decided_at")
+SITUATION_COLUMNS = ("recording", "start", "stop", "situation", "decision", "decided_by", "decided_at", "note")
 
 LOOKAHEAD_COLUMNS = (
     "driver", "model", "components", "regressors", "fold", "split", "mean_error", "mean_sd", "samples",

@@ -21,7 +21,9 @@ from wheelprint.dataset.events import Event, read_events, write_events
 from wheelprint.dataset.folds import deal_folds
 from wheelprint.dataset.lookahead import lookahead_distance
 from wheelprint.dataset.segments import features
+from wheelprint.dataset.situations import Situation, read_situations, write_situations
 from wheelprint.dataset.steering import steering_series
+from wheelprint.schemas.config import Situations
 from wheelprint.schemas.errors import InputError
 from wheelprint.schemas.project import Project
 from wheelprint.schemas.store import Manifest, describe_output, publish_table, read_table, sha256
@@ -37,6 +39,7 @@ CONFIG = f"[vehicle]\nwheelbase = {WHEELBASE}\nsteering_ratio = {RATIO}\nsteerin
 SAMPLES = 1200
 RECORDINGS = {"anna": ("monday", "tuesday"), "Bö b": ("ring", "town")}
 STANDS = slice(0, 50)
+NAMES = Situations().names
 BRAKES = slice(600, 615)
 GAP = slice(900, 910)
 
@@ -310,6 +313,7 @@ def test_normal_comes_back_and_emergency_stays_out(project: Project) -> None:
     entry = built(project)["anna"]
     assert project.events_file.read_bytes() == before
     assert entry["excluded"] == {"gap": 2.0, "standstill": 10.0}
+    assert entry["undecided"] == {"standstill": 10.0}
     assert rows(project)["run"].tolist() == [0] * 850 + [1] * 290
 
     decide(project, "hard_braking", "emergency")
@@ -505,6 +509,29 @@ def test_nothing_converted(tmp_path: Path) -> None:
         f"{tmp_path}: no recording is converted; run `wheelprint convert` first ({tmp_path}/raw/anna/monday: it has no "
         "synced table and is left out of the dataset; `wheelprint convert` says why)"
     )
+
+
+def test_the_column_says_what_situations_csv_says(project: Project) -> None:
+    built(project)
+    assert {s.decision for s in read_situations(project.situations_file, NAMES)} == {"proposed"}
+    tagged = Situation("anna/monday", at(580), at(700), "ring road", "confirmed", "Li", "", "")
+    write_situations(project.situations_file, [*read_situations(project.situations_file, NAMES), tagged])
+    entry = built(project)["anna"]
+    assert tagged in read_situations(project.situations_file, NAMES)
+    found = rows(project)
+    inside = (found["time"] >= at(580)) & (found["time"] < at(700))
+    assert set(found["situation"][inside]) == {"ring road"}
+    assert "ring road" not in set(found["situation"][~inside])
+    # The 3.5 s of the braking are left out.
+    assert entry["situations"]["ring road"] == 8.5
+    assert sum(entry["situations"].values()) <= entry["driven_s"]
+
+
+def test_a_situation_that_the_project_does_not_name_stops_the_build(project: Project) -> None:
+    wrong = Situation("anna/monday", at(580), at(700), "rign road", "confirmed", "Li", "", "")
+    write_situations(project.situations_file, [wrong])
+    with pytest.raises(InputError, match=r"line 2: situation: expected .*; did you mean ring road\?"):
+        plan_build(project, three_labels)
 
 
 def test_events_of_unknown_recordings_are_said(project: Project) -> None:

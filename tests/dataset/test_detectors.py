@@ -273,7 +273,8 @@ def test_speed_times_yaw_rate_stands_in_for_lateral_acceleration(name: str) -> N
     yaw_rate = np.interp(np.arange(600), [0, 200, 220, 240, 260], [0, 0, 20, 20, 0])
     values = np.cumsum(yaw_rate) / 10 + 170
     (one,) = propose(synced(600, **{name: (values + 180) % 360 - 180 if name == "course" else yaw_rate}))
-    assert (one.kind, one.severity) == ("hard_cornering", pytest.approx(20 * np.radians(20) / 6, rel=0.01))
+    assert one.kind == "hard_cornering"
+    assert one.severity == pytest.approx(20 * np.radians(20) / 6, rel=0.01)
 
 
 def winding(seed: int, samples: int = 3000) -> dict[str, NDArray[np.float64]]:

@@ -33,12 +33,19 @@ def refused(path: Path, text: str) -> str:
 
 def test_the_file_is_as_documented(tmp_path: Path) -> None:
     path = tmp_path / "events.csv"
-    late = replace(event(1500, 2000, "normal"), decided_by="Dr. Li", note='dog, "big"', severity=2 / 3)
+    late = replace(
+        event(1500, 2000, "normal"),
+        decided_by="Dr. Li",
+        decided_at="2026-11-24T10:00:00.000Z",
+        note='dog, "big"',
+        severity=2 / 3,
+    )
     write_events(path, [late, event(100, 1200)])
     assert path.read_bytes().decode() == (
-        "recording,start,stop,kind,severity,decision,decided_by,note\r\n"
-        "anna/ring,2026-11-23T08:00:00.100Z,2026-11-23T08:00:01.200Z,swerve,1.25,proposed,,\r\n"
-        'anna/ring,2026-11-23T08:00:01.500Z,2026-11-23T08:00:02.000Z,swerve,0.667,normal,Dr. Li,"dog, ""big"""\r\n'
+        "recording,start,stop,kind,severity,decision,decided_by,note,decided_at\r\n"
+        "anna/ring,2026-11-23T08:00:00.100Z,2026-11-23T08:00:01.200Z,swerve,1.25,proposed,,,\r\n"
+        'anna/ring,2026-11-23T08:00:01.500Z,2026-11-23T08:00:02.000Z,swerve,0.667,normal,Dr. Li,"dog, ""big""",'
+        "2026-11-24T10:00:00.000Z\r\n"
     )
 
 
@@ -68,6 +75,7 @@ events = st.builds(
     decision=st.sampled_from(["proposed", "emergency", "normal"]),
     decided_by=hostile,
     note=hostile,
+    decided_at=st.sampled_from(["", "2026-11-24T10:00:00.000Z", "2026-11-24 10:00:00+08:00"]),
 )
 
 
@@ -133,8 +141,16 @@ def test_all_wrong_lines_are_listed(tmp_path: Path) -> None:
 def test_a_wrong_header_is_refused(tmp_path: Path, text: str, found: str) -> None:
     assert refused(tmp_path / "events.csv", text) == (
         "line 1: expected the columns recording, start, stop, kind, severity, decision, decided_by, note, "
-        f"separated by commas, found {found}; a spreadsheet may have saved other separators or columns. "
+        f"decided_at, separated by commas, found {found}; a spreadsheet may have saved other separators or columns. "
         "Repair this line, or remove the file to begin again with the detectors' proposals"
+    )
+
+
+def test_a_wrong_time_of_decision_is_a_wrong_line(tmp_path: Path) -> None:
+    header = HEADER.replace("note\n", "note,decided_at\n")
+    line = "anna/ring,2026-11-23T08:00:00Z,2026-11-23T08:00:01Z,swerve,1,normal,Li,,yesterday\n"
+    assert refused(tmp_path / "events.csv", header + line) == (
+        "line 2: line 2: decided_at: expected ISO 8601 UTC such as 2026-11-23T08:00:00.100Z, found 'yesterday'"
     )
 
 

@@ -58,16 +58,22 @@ def times(table: pa.Table) -> NDArray[np.int64]:
     return time
 
 
-def test_a_drive_in_town_is_left_alone_but_for_its_stops(shared_data: Path, tmp_path: Path) -> None:
+def test_a_drive_in_town_is_left_alone_but_for_its_stops_and_one_emergency(shared_data: Path, tmp_path: Path) -> None:
     recording = tmp_path / "raw" / "alfa" / "town"
     recording.mkdir(parents=True)
     (recording / "can.log").write_bytes(gzip.decompress((shared_data / "giulia" / "exp2.log.gz").read_bytes()))
     (tmp_path / "giulia.dbc").symlink_to(shared_data / "giulia" / "giulia.dbc")
     project, tables = converted(tmp_path, GIULIA)
     events = propose_events(tables, project.config.events, project.config.sync.period)
-    assert [event.kind for event in events] == ["standstill", "standstill"]
+    kinds = [event.kind for event in events]
+    assert kinds == ["standstill", "standstill", "hard_acceleration", "hard_braking"]
     table = tables["alfa/town"]
-    inside = covered(times(table), events)
+    # All four wheels slow down from 14.4 to 6.5 m/s within a second, at a brake pressure of 100 bar.
+    braking = events[-1]
+    assert (braking.start - times(table)[0]) / 1e9 == pytest.approx(123.2, abs=0.5)
+    assert braking.severity == pytest.approx(1.9, abs=0.2)
+    assert events[-2].severity < 1.1
+    inside = covered(times(table), events[:2])
     speed = table["speed"].to_numpy()
     assert (speed[inside] < 1).all()
     assert 10 < np.count_nonzero(inside) / 10 < 20

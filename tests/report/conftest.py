@@ -133,6 +133,7 @@ def cut(table: pa.Table, start: int, stop: int, rng: np.random.Generator) -> pa.
         "path_side": np.where(turn > 0.05, "left", np.where(turn < -0.05, "right", "neutral")),
         "path_label": label,
         "path_type": np.full(rows, "1-1-1"),
+        "situation": np.full(rows, "lane change"),
         "fold": np.arange(rows) // 100 % 4,
     }
     arrays = [
