@@ -126,7 +126,7 @@ def fulfil(wish: Wish, book: Book[Any], recordings: Sequence[str], labels: Seque
             return book.ledger.reverse(wish.key, wish.undo)
         except KeyError:
             raise Refusal(
-                "this change was made before the page's program was started and cannot be taken back"
+                "this change was made in an earlier run of `wheelprint review` and cannot be taken back"
             ) from None
     if wish.add is not None:
         row = _added(wish.add, wish.by, book, recordings, labels)

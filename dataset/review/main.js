@@ -564,7 +564,7 @@ function edgeButton(key) {
 for (const id of ["by-state", "by-label", "by-driver"]) byId(id).addEventListener("change", () => showList());
 byId("by-recording").addEventListener("change", (event) => browse(Number(event.target.value)));
 for (const one of document.querySelectorAll("#books button")) one.addEventListener("click", () => turnTo(one.dataset.book));
-addEventListener("resize", () => show());
+new ResizeObserver(() => show()).observe(byId("plots"));
 document.addEventListener("visibilitychange", () => document.hidden || outbox.ask());
 addEventListener("beforeunload", (event) => outbox.waiting.length && event.preventDefault());
 

@@ -101,7 +101,7 @@ def _indexes(project: Project, recording: Recording) -> Iterator[tuple[str, Path
     stored = [
         path
         for path in sorted(project.signals_folder(recording.driver, recording.name).glob("*.parquet"))
-        if pq.read_schema(path).names == FRAME_INDEX.names
+        if _is_index(path)
     ]
     for path in stored:
         source = path.name.partition(".")[0]
@@ -113,3 +113,12 @@ def _indexes(project: Project, recording: Recording) -> Iterator[tuple[str, Path
         if path.is_dir() or (path.suffix.lower() in (".csv", ".txt") and CameraIndex.sniff(head(path))):
             base = path if path.is_dir() else path.parent
             yield path.stem, base, partial(CameraIndex(path).frames, Account())
+
+
+def _is_index(path: Path) -> bool:
+    """Tell whether a table of a recording's signals is an index of frames; what is no Parquet is none."""
+    try:
+        names: list[str] = pq.read_schema(path).names
+    except (OSError, pa.ArrowInvalid):
+        return False
+    return names == FRAME_INDEX.names

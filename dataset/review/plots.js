@@ -2,7 +2,7 @@
 
 import { byId, clock, marks, minus, placeOf, seconds, shape, trace } from "./elements.js";
 
-const LEFT = 52;
+const LEFT = 60;
 const RIGHT = 14;
 const HEAD = 18;
 const GAP = 6;
@@ -83,7 +83,7 @@ export class Plots {
     const right = this.width - RIGHT;
 
     drawing.append(shape("text", { class: "panel-title", x: LEFT, y: top + 14 }, `${panel.title} (${panel.unit})`));
-    for (const [value, label] of marks(low, high, Math.max(2, Math.floor(height / 24)))) {
+    for (const [value, label] of marks(low, high, Math.max(3, Math.floor(height / 17)))) {
       const at = y(value);
       drawing.append(
         shape("line", { class: value === 0 ? "grid zero" : "grid", x1: LEFT, x2: right, y1: at, y2: at }),
@@ -132,7 +132,7 @@ export class Plots {
   axis(drawing, top) {
     const { view, chosen } = this.scene;
     const zero = chosen ? chosen.start : view.start;
-    const wanted = Math.max(3, Math.floor((this.width - LEFT - RIGHT) / 70));
+    const wanted = Math.max(3, Math.floor((this.width - LEFT - RIGHT) / 55));
     for (const [value, label] of marks((view.start - zero) / 1000, (view.stop - zero) / 1000, wanted)) {
       const at = this.x(zero + value * 1000);
       drawing.append(
@@ -213,15 +213,15 @@ export class Timeline {
     const drawing = shape("svg", { viewBox: `0 0 ${width} 64`, width, height: 64 });
     if (outline.speed) {
       const most = outline.speed.reduce((greatest, value) => Math.max(greatest, value ?? 0), 1);
-      const path = trace(outline.time.map(x), outline.speed.map((value) => (value === null ? null : 44 - (38 * value) / most)));
-      drawing.append(shape("path", { class: "trace whole", d: path }), shape("text", { class: "tick", x: 4, y: 11 }, `speed, up to ${(3.6 * most).toFixed(0)} km/h`));
+      const path = trace(outline.time.map(x), outline.speed.map((value) => (value === null ? null : 44 - (30 * value) / most)));
+      drawing.append(shape("path", { class: "trace whole", d: path }), shape("text", { class: "tick", x: 2, y: 9 }, `speed, up to ${(3.6 * most).toFixed(0)} km/h`));
     }
     for (const row of rows) {
-      const bar = shape("rect", { class: `bar ${row.decision}`, x: x(row.start), y: row === chosen ? 2 : 8, width: Math.max(2, x(row.stop) - x(row.start)), height: row === chosen ? 42 : 36 });
+      const bar = shape("rect", { class: `bar ${row.decision}`, x: x(row.start), y: row === chosen ? 12 : 16, width: Math.max(2, x(row.stop) - x(row.start)), height: row === chosen ? 33 : 29 });
       bar.append(shape("title", {}, `${row.label}, ${row.decision}, ${clock(row.start)}`));
       drawing.append(bar);
     }
-    drawing.append(shape("rect", { class: "view", x: x(view.start), y: 1, width: Math.max(4, x(view.stop) - x(view.start)), height: 44, rx: 3 }));
+    drawing.append(shape("rect", { class: "view", x: x(view.start), y: 12, width: Math.max(4, x(view.stop) - x(view.start)), height: 34, rx: 3 }));
     for (const [value, label] of marks(0, (outline.stop - outline.start) / 60000, Math.floor(width / 80))) {
       const at = x(outline.start + value * 60000);
       if (at < width - 80) drawing.append(shape("text", { class: "tick", x: at, y: 60, "text-anchor": value ? "middle" : "start" }, label));
