@@ -94,7 +94,7 @@ export class Plots {
       const text = `threshold ${minus(String(Number(limit.toPrecision(3))))}`;
       drawing.append(
         shape("line", { class: "limit", x1: LEFT, x2: right, y1: y(limit), y2: y(limit) }),
-        shape("text", { class: "limit-label", x: LEFT + 4, y: y(limit) + (limit < 0 ? 11 : -3) }, text),
+        shape("text", { class: "limit-label", x: LEFT + 4, y: y(limit) + (limit < 0 || y(limit) < top + HEAD + 14 ? 11 : -3) }, text),
       );
     }
     const xs = signals.time.map((time) => this.x(view.start + time));
@@ -113,7 +113,8 @@ export class Plots {
   limits(panel) {
     const { chosen } = this.scene;
     const own = panel.lines.filter((line) => chosen?.limits && line.column in chosen.limits).map((line) => chosen.limits[line.column] * panel.factor);
-    return own.length ? [...new Set(own)] : panel.limits;
+    const isOfBothSides = panel.limits.length > 0 && panel.limits.every((limit) => panel.limits.includes(-limit));
+    return own.length ? [...new Set(own.flatMap((limit) => (isOfBothSides ? [limit, -limit] : [limit])))] : panel.limits;
   }
 
   lane(drawing, lane, top) {
