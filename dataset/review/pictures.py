@@ -121,4 +121,4 @@ def _is_index(path: Path) -> bool:
         names: list[str] = pq.read_schema(path).names
     except (OSError, pa.ArrowInvalid):
         return False
-    return names == FRAME_INDEX.names
+    return names == list(FRAME_INDEX.names)

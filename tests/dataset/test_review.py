@@ -385,7 +385,7 @@ def test_decisions_at_the_same_time_all_land(project: Project, guest: Guest) -> 
     answers: list[int] = []
 
     def decide(row: Mapping[str, Any]) -> None:
-        wish = {"key": f"from thread {row['number']}", "book": "events", "by": "Li"}
+        wish: dict[str, Any] = {"key": f"from thread {row['number']}", "book": "events", "by": "Li"}
         wish |= {"number": row["number"], "version": row["version"], "set": {"decision": "normal"}}
         answers.append(guest.ask("POST", "changes", json=wish).status_code)
 
