@@ -52,6 +52,7 @@ function listed() {
 
 function showList() {
   const shown = listed();
+  const isFocused = byId("list").contains(document.activeElement);
   byId("list").replaceChildren(
     ...shown.map((row) => {
       const name = outbox.recordings[row.recording];
@@ -64,7 +65,9 @@ function showList() {
       return element("li", {}, entry);
     }),
   );
-  byId("list").querySelector("[aria-current]")?.scrollIntoView({ block: "nearest" });
+  const current = byId("list").querySelector("[aria-current]");
+  current?.scrollIntoView({ block: "nearest" });
+  if (isFocused) current?.focus();
   const all = rows();
   const decided = all.filter((row) => !isOpen(row)).length;
   byId("bar").max = Math.max(1, all.length);
@@ -78,6 +81,7 @@ function showList() {
 
 function fill(id, values, kept = byId(id).value) {
   const options = [["", "all"], ...values.map((value) => [value, value.replaceAll("_", " ")])];
+  if ([...byId(id).options].map((option) => option.value).join("\n") === options.map(([value]) => value).join("\n")) return;
   byId(id).replaceChildren(...options.map(([value, text]) => element("option", { value, selected: value === kept }, text)));
 }
 
@@ -85,6 +89,7 @@ function showFilters() {
   fill("by-label", [...new Set(rows().map((row) => row.label))].sort());
   fill("by-driver", [...new Set(rows().map(driverOf))].sort());
   byId("label-name").textContent = WORDS[book].label;
+  if (byId("by-recording").options.length === outbox.recordings.length) return;
   const options = outbox.recordings.map((name, number) => element("option", { value: number, selected: number === recording }, name));
   byId("by-recording").replaceChildren(...options);
 }

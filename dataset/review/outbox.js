@@ -18,6 +18,7 @@ export class Outbox {
     this.done = JSON.parse(sessionStorage.getItem("done") ?? "[]");
     this.undone = JSON.parse(sessionStorage.getItem("undone") ?? "[]");
     this.isSending = false;
+    this.pushed = 0;
   }
 
   async begin() {
@@ -36,11 +37,13 @@ export class Outbox {
   async ask() {
     if (this.waiting.length || this.isAsking) return;
     this.isAsking = true;
+    const { pushed } = this;
     try {
       const answer = await fetch(`lists?since=${this.state}`);
       if (answer.status === 200) {
         const content = await answer.json();
-        if (this.waiting.length) return;
+        // What was changed here since then may not be in these lists yet; they are asked for again.
+        if (pushed !== this.pushed) return;
         this.state = content.state;
         this.recordings = content.recordings;
         for (const book of ["events", "situations"]) this.rows[book] = reconciled(this.rows[book], content[book]);
@@ -51,6 +54,7 @@ export class Outbox {
       this.settle(SILENT);
     } finally {
       this.isAsking = false;
+      if (pushed !== this.pushed) this.ask();
     }
   }
 
@@ -88,6 +92,7 @@ export class Outbox {
 
   push(wish, stack = null) {
     wish.key = crypto.randomUUID();
+    this.pushed += 1;
     if (!stack) this.undone.length = 0;
     (stack ?? this.done).push({ key: wish.key, book: wish.book });
     this.remember();

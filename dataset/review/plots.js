@@ -175,14 +175,16 @@ export class Plots {
     if (!this.scene || event.button !== 0) return;
     const edge = event.target.dataset?.edge;
     const handle = event.target;
+    let isDragged = false;
     const follow = (moved) => {
+      isDragged ||= Math.abs(moved.clientX - event.clientX) > 3;
       this.moved(this.timeAt(moved));
       if (edge) handle.setAttribute("x", this.x(this.timeAt(moved)) - 5);
     };
     const drop = (moved) => {
       removeEventListener("pointermove", follow);
       removeEventListener("pointerup", drop);
-      if (edge) this.dragged(edge, this.timeAt(moved));
+      if (edge && isDragged) this.dragged(edge, this.timeAt(moved));
     };
     addEventListener("pointermove", follow);
     addEventListener("pointerup", drop);

@@ -157,11 +157,12 @@ def test_an_afternoon_with_keys_only(review: Review) -> None:
     press(page, "a a S f D")  # start 0.2 s earlier and 1 s later, stop 0.1 s later and 1 s earlier
     stored(page)
     press(page, "ArrowRight Shift+ArrowRight Shift+ArrowRight m")  # an event that was missed, at the cursor
-    page.locator("#label", has_text="Added").or_(page.locator("#label", has_text="added")).wait_for()
+    page.locator("#label", has_text="added").wait_for()
     stored(page)
     press(page, "w")
     page.keyboard.type("dog on the road")
     press(page, "Control+Enter")
+    page.locator("#note", has_text="dog on the road").wait_for()
     stored(page)
     added = next(e for e in review.events if e.kind == "added")
     assert (added.note, added.decision, added.decided_by) == ("dog on the road", "emergency", "Ägidius")
