@@ -15,8 +15,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from ...schemas.project import Project
 from ...schemas.times import iso_utc
 from ..events import DECISIONS, Event, read_events, write_events
+from ..situations import VERDICTS, Situation, read_situations, write_situations
 from .ledger import Change, Ledger, version_of
-from .situations import VERDICTS, Situation, read_situations, write_situations
 
 MS = 1_000_000
 """ns; the page and the files count in milliseconds."""
@@ -100,7 +100,7 @@ def books_of(project: Project) -> dict[str, Book[Any]]:
         ],
         write_events,
     )
-    situations = Ledger(project.directory / "situations.csv", read_situations, write_situations)
+    situations = Ledger(project.situations_file, read_situations, write_situations)
     return {
         "events": Book(events, "kind", DECISIONS),
         "situations": Book(situations, "situation", VERDICTS),

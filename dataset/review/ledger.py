@@ -11,19 +11,9 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
-
-class Stretch(Protocol):
-    """What every row is: a stretch of a recording, `start <= time < stop` in ns UTC; frozen and comparable."""
-
-    @property
-    def recording(self) -> str: ...  # noqa: D102
-    @property
-    def start(self) -> int: ...  # noqa: D102
-    @property
-    def stop(self) -> int: ...  # noqa: D102
-
+from ..stretches import Stretch
 
 Row = TypeVar("Row", bound=Stretch)
 

@@ -152,7 +152,7 @@ async function load() {
     if (load !== loads) return;
     outline = whole;
     content = { ...inside, view: { ...view }, recording };
-    alertOf("window", inside.problems.join("; "));
+    alertOf("window", inside.problem);
   } catch (error) {
     if (load !== loads) return;
     content = null;

@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from ...ingest.account import Account
-from ...ingest.cameras import FRAME_INDEX, CameraIndex
-from ...ingest.content import head
-from ...schemas.errors import InputError
 from ...schemas.project import Project, Recording
-from ...schemas.store import read_table
 
 MEDIA_TYPES = {
     ".bmp": "image/bmp",
@@ -41,15 +33,13 @@ class Camera:
     Attributes:
         name: Of the camera, its folder or its index.
         time: When each was taken, ns UTC (n_frames,), ascending.
-        paths: Where each is, from `base` (n_frames).
-        base: Folder that the paths start from.
+        paths: Where each is within the recording's folder (n_frames).
         folder: Of the recording; nothing outside of it is a frame, be it by a link.
     """
 
     name: str
     time: NDArray[np.int64]
     paths: list[str]
-    base: Path
     folder: Path
 
     def within(self, start: int, stop: int) -> dict[str, Any]:
@@ -63,62 +53,26 @@ class Camera:
         """Return the image file of a frame, None where there is none within the recording's folder."""
         if not 0 <= number < len(self.paths):
             return None
-        file = (self.base / self.paths[number]).resolve()
+        file = (self.folder / self.paths[number]).resolve()
         is_frame = file.suffix.lower() in MEDIA_TYPES and file.is_relative_to(self.folder.resolve()) and file.is_file()
         return file if is_frame else None
 
 
-def cameras_of(project: Project, recording: Recording) -> tuple[list[Camera], list[InputError]]:
-    """Return the cameras of a recording whose frames are image files, and which indexes cannot be read.
+def cameras_of(project: Project, recording: Recording) -> list[Camera]:
+    """Return the cameras of a recording whose frames are image files, from the index that `convert` stored.
 
-    The indexes are those that were stored with the recording's signals, else what lies in its folder: a folder of
-    images named by their time, or a CSV with times and paths.
+    Raises:
+        InputError: The index is damaged.
     """
-    cameras: list[Camera] = []
-    problems: list[InputError] = []
-    for name, base, read in _indexes(project, recording):
-        try:
-            table = read()
-        except InputError as error:
-            problems.append(error)
-            continue
-        rows = zip(
-            table["camera"].to_pylist(), table["time"].cast(pa.int64()).to_pylist(), table["path"].to_pylist(),
-            strict=True,
-        )  # fmt: skip
-        frames: dict[str, list[tuple[int, str]]] = {}
-        for camera, time, path in rows:
-            if path and Path(path).suffix.lower() in MEDIA_TYPES:
-                frames.setdefault(camera or name, []).append((time, path))
-        for camera, found in frames.items():
-            times, paths = zip(*sorted(found), strict=True)
-            cameras.append(Camera(camera, np.array(times, np.int64), list(paths), base, recording.folder))
-    return cameras, problems
-
-
-def _indexes(project: Project, recording: Recording) -> Iterator[tuple[str, Path, Callable[[], pa.Table]]]:
-    """Yield name, folder that its paths start from, and reader of each index of frames."""
-    stored = [
-        path
-        for path in sorted(project.signals_folder(recording.driver, recording.name).glob("*.parquet"))
-        if _is_index(path)
-    ]
-    for path in stored:
-        source = path.name.partition(".")[0]
-        base = recording.folder / source
-        yield source, base if base.is_dir() else recording.folder, partial(read_table, path)
-    if stored or not recording.folder.is_dir():
-        return
-    for path in sorted(recording.folder.iterdir()):
-        if path.is_dir() or (path.suffix.lower() in (".csv", ".txt") and CameraIndex.sniff(head(path))):
-            base = path if path.is_dir() else path.parent
-            yield path.stem, base, partial(CameraIndex(path).frames, Account())
-
-
-def _is_index(path: Path) -> bool:
-    """Tell whether a table of a recording's signals is an index of frames; what is no Parquet is none."""
-    try:
-        names: list[str] = pq.read_schema(path).names
-    except (OSError, pa.ArrowInvalid):
-        return False
-    return names == list(FRAME_INDEX.names)
+    table = project.cameras(recording.driver, recording.name)
+    frames: dict[str, list[tuple[int, str]]] = {}
+    for camera, time, path in zip(
+        table["camera"].to_pylist(), table["time"].cast(pa.int64()).to_pylist(), table["path"].to_pylist(), strict=True
+    ):
+        if path and Path(path).suffix.lower() in MEDIA_TYPES:
+            frames.setdefault(camera, []).append((time, path))
+    cameras = []
+    for name, found in frames.items():
+        times, paths = zip(*sorted(found), strict=True)
+        cameras.append(Camera(name, np.array(times, np.int64), list(paths), recording.folder))
+    return cameras

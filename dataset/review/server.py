@@ -33,7 +33,6 @@ from .changes import ADDED, MS, Refusal, Wish, as_json, books_of, fulfil, user_n
 from .ledger import Conflict
 from .pictures import MEDIA_TYPES, Camera, cameras_of
 from .signals import PANELS, Drive, Drives
-from .situations import NAMES
 
 ADDRESS = "127.0.0.1"
 LONGEST_WISH = 20_000
@@ -205,7 +204,7 @@ class _Desk:
         limits: dict[str, list[float]] = {}
         for detector in emergency_detectors(self.project.config.events):
             signs = (1, -1) if detector.sign == 0 else (detector.sign,)
-            limits[detector.signal] = [sign * detector.threshold for sign in signs]
+            limits.setdefault(detector.signal, []).extend(sign * detector.threshold for sign in signs)
         panels = [
             {
                 "title": panel.title,
@@ -225,7 +224,7 @@ class _Desk:
                 "reviewer": self.reviewer,
                 "user": user_name(),
                 "panels": panels,
-                "situations": list(NAMES),
+                "situations": self.project.config.situations.names,
             }
         )
 
@@ -254,7 +253,7 @@ class _Desk:
                 "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors()), 400
             )
         book = self.books[wish.book]
-        labels = [ADDED] if wish.book == "events" else list(NAMES)
+        labels = [ADDED] if wish.book == "events" else self.project.config.situations.names
         try:
             change = await run_in_threadpool(fulfil, wish, book, self.recordings, labels)
         except Refusal as refusal:
@@ -279,18 +278,22 @@ class _Desk:
             raise HTTPException(400, "expected start and stop, ms UTC") from None
         if not 0 <= start < stop < 2**63:
             raise HTTPException(400, "expected a stop after the start")
-        cameras, problems = self._cameras_of(recording)
+        problem = ""
+        try:
+            cameras = self._cameras_of(recording)
+        except InputError as error:  # The signals are worth seeing all the same.
+            cameras, problem = [], str(error)
         return JSONResponse(
             {
                 "signals": None if drive is None else drive.window(start, stop),
                 "cameras": [camera.within(start, stop) for camera in cameras],
-                "problems": [str(problem) for problem in problems],
+                "problem": problem,
             }
         )
 
     def frame(self, request: Request) -> Response:
         """One image."""
-        cameras, _ = self._cameras_of(self._name(request))
+        cameras = self._cameras_of(self._name(request))
         number, frame = request.path_params["camera"], request.path_params["frame"]
         file = cameras[number].file(frame) if number < len(cameras) else None
         if file is None:
@@ -317,8 +320,8 @@ class _Desk:
         driver, _, recording = name.partition("/")
         return name, self.drives.get(self.project.synced_file(driver, recording))
 
-    def _cameras_of(self, name: str) -> tuple[list[Camera], list[InputError]]:
-        return self._cameras(self.folders[name]) if name in self.folders else ([], [])
+    def _cameras_of(self, name: str) -> list[Camera]:
+        return self._cameras(self.folders[name]) if name in self.folders else []
 
     def _row(self, book: Any, number: int, row: Any) -> dict[str, Any] | None:
         return None if row is None else as_json(number, row, book, self._number_of(row.recording))

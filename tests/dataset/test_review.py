@@ -23,8 +23,8 @@ from wheelprint.dataset.review.changes import limits_in
 from wheelprint.schemas.config import Events
 from wheelprint.schemas.errors import InputError
 from wheelprint.schemas.project import Project
-from wheelprint.schemas.store import publish_table
-from wheelprint.schemas.tables import SYNCED
+from wheelprint.schemas.store import Manifest, describe_output, publish_table
+from wheelprint.schemas.tables import CAMERA_FRAMES, SYNCED
 
 TOKEN = "correct-horse"  # noqa: S105  no secret: it opens nothing but this test
 HOST = "http://127.0.0.1:8000"
@@ -57,6 +57,11 @@ def project(tmp_path: Path) -> Project:
         publish_table(project.synced_file(driver, "ring"), synced(60))
     (tmp_path / "raw" / HOSTILE / "ring" / "front").mkdir()
     (tmp_path / "raw" / HOSTILE / "ring" / "front" / "1700000000.5.jpg").write_bytes(b"jpeg")
+    frame = [[START + SECOND // 2], ["front"], ["front/1700000000.5.jpg"], [None]]
+    columns = [pa.array(column, f.type) for column, f in zip(frame, CAMERA_FRAMES, strict=True)]
+    index = project.cameras_file(HOSTILE, "ring")
+    publish_table(index, pa.Table.from_arrays(columns, schema=CAMERA_FRAMES))
+    Manifest(tmp_path).record("recordings", f"{HOSTILE}/ring", {"outputs": [describe_output(tmp_path, index)]})
     write_events(
         project.events_file,
         [event("anna/ring", 5), event("anna/ring", 29, "hard_braking"), event(f"{HOSTILE}/ring", 38), event("x/y", 1)],
@@ -335,10 +340,20 @@ def test_a_window_has_signals_and_frames(guest: Guest) -> None:
         assert guest.ask("GET", "recordings/0/window" + wrong).status_code == 400
 
 
+def test_a_damaged_index_of_frames_is_told_beside_the_signals(project: Project, guest: Guest) -> None:
+    guest.lists()
+    index = project.cameras_file(HOSTILE, "ring")
+    index.write_bytes(b"no Parquet at all")
+    window = guest.ask("GET", f"recordings/0/window?start={START // 10**6}&stop={START // 10**6 + 100}").json()
+    assert window["problem"].startswith(f"{index}: not a whole Parquet file (")
+    assert window["cameras"] == []
+    assert window["signals"]["time"] == [0]
+
+
 def test_the_page_is_told_of_thresholds_and_of_who_decides(project: Project) -> None:
     facts = Guest(project, "Ägidius").ask("GET", "project").json()
     limits = {panel["lines"][0]["column"]: panel["limits"] for panel in facts["panels"]}
-    assert limits["longitudinal_acceleration"] == [-5.0]
+    assert limits["longitudinal_acceleration"] == [-5.0, 4.5]
     assert limits["lateral_acceleration"] == [-6.0, 6.0]
     assert limits["brake_pressure"] == [80.0]
     assert limits["steering_wheel_angle"] == []

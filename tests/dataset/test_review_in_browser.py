@@ -20,8 +20,8 @@ import pytest
 
 from wheelprint.dataset.events import Event, read_events, write_events
 from wheelprint.schemas.project import Project
-from wheelprint.schemas.store import publish_table
-from wheelprint.schemas.tables import SYNCED
+from wheelprint.schemas.store import Manifest, describe_output, publish_table
+from wheelprint.schemas.tables import CAMERA_FRAMES, SYNCED
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -77,7 +77,17 @@ def project(tmp_path: Path) -> Project:
     front = tmp_path / "raw" / "王小明" / "环路 1" / "front"
     front.mkdir()
     for second in range(10, 50):
-        (front / f"{START // SECOND + second}.png").write_bytes(SMALLEST_PNG)
+        (front / f"{second}.png").write_bytes(SMALLEST_PNG)
+    frames = [
+        [START + second * SECOND for second in range(10, 50)],
+        ["front"] * 40,
+        [f"front/{second}.png" for second in range(10, 50)],
+        [None] * 40,
+    ]
+    columns = [pa.array(column, f.type) for column, f in zip(frames, CAMERA_FRAMES, strict=True)]
+    index = project.cameras_file("王小明", "环路 1")
+    publish_table(index, pa.Table.from_arrays(columns, schema=CAMERA_FRAMES))
+    Manifest(tmp_path).record("recordings", "王小明/环路 1", {"outputs": [describe_output(tmp_path, index)]})
     write_events(project.events_file, proposals())
     return project
 
