@@ -123,13 +123,16 @@ def build(
 def review(
     project: ProjectOption = HERE,
     port: Annotated[int, typer.Option("--port", min=0, max=65535, help="Port on 127.0.0.1; 0: a free one.")] = 0,
-    reviewer: Annotated[str | None, typer.Option("--as", help="Who decides; default: the user's name.")] = None,
+    reviewer: Annotated[
+        str | None, typer.Option("--by", "--as", help="Who decides; default: the page asks.", show_default=False)
+    ] = None,
+    browser: Annotated[bool, typer.Option(help="Open the page in the browser of this machine.")] = True,
 ) -> None:
-    """Open a local page to decide which proposed emergencies to leave out."""
+    """Open a local page to decide which proposed emergencies to leave out, and to tag driving situations."""
     from .dataset.review import serve
 
     report = Report("review", as_json=False)
-    _guarded(report, lambda: serve(_open(project), port=port, reviewer=reviewer))
+    _guarded(report, lambda: serve(_open(project), port=port, reviewer=reviewer, browser=browser))
 
 
 @app.command()
