@@ -22,7 +22,7 @@ from .can.database import Database, load_databases
 from .clock import ClockEstimate, estimate_clock, to_utc
 from .dead_reckoning import dead_reckon
 from .mapping import MappedSignal, resolve, resolve_navigation
-from .plausibility import absent_sources, no_overlap, too_long, wrong_signs
+from .plausibility import absent_sources, no_overlap, too_long, unknown_clock, wrong_signs
 from .recording_logs import read_logs, recording_files
 from .signal_files import signal_file
 from .stored_signals import SampledSignal, Signal, StoredSignal, find_mapped, find_navigation
@@ -126,6 +126,8 @@ def convert_recording(
         return Outcome(entry, (*problems, mismatch))
     if not stored and not nav_signals:
         return Outcome(entry, tuple(problems))
+    if config.sync.clock == "estimate" and path_from_bus is None:
+        problems += unknown_clock(recording, stored, nav_signals, clock)
     synced = synchronise(stored, nav_signals, clock, config.sync.period, max_gap)
     problems += wrong_signs(recording, synced, mapping, stored, config.sync.rate)
     metadata = {

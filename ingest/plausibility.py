@@ -41,6 +41,16 @@ def absent_sources(
     return problems
 
 
+def unknown_clock(
+    recording: Recording, can: Mapping[str, Signal], navigation: Mapping[str, Signal], clock: ClockEstimate
+) -> list[InputError]:
+    """Return a problem where the clocks of CAN and navigation ought to have been aligned and could not be."""
+    if clock.applied or not can or not navigation:
+        return []
+    reason = f"the CAN clock's offset could not be told, and its stamps stand as they are: {clock.reason}"
+    return [InputError(recording.folder, "sync.clock", reason)]
+
+
 def wrong_signs(
     recording: Recording,
     synced: pa.Table,

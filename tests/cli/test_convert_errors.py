@@ -7,6 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from wheelprint.schemas.project import Project
@@ -45,10 +47,27 @@ def test_a_missing_navigation_log(project: Path, wheelprint: Command) -> None:
     assert answer.problems == [
         (
             f"{project}/raw/{ONE}: : no navigation with a valid position; without it there is no path, and no dataset, "
-            "from this recording"
+            "from this recording. The bus has speed and yaw rate: nav.dead_reckoning = true makes a path of them, "
+            "which drifts"
         )
     ]
     assert TWO in synced_rows(project)
+
+
+def test_a_path_from_the_bus(project: Path, wheelprint: Command) -> None:
+    (project / "raw" / ONE / "nav.ncom").unlink()
+    with (project / "wheelprint.toml").open("a", encoding="utf-8") as settings:
+        settings.write("\n[nav]\ndead_reckoning = true\n")
+    assert wheelprint("convert", "--project", project, "--workers", "1").status == 0
+    facts = Project(project).manifest["recordings"][ONE]["path_from_bus"]
+    assert facts["source"] == "bus: speed and yaw rate integrated"
+    assert Project(project).manifest["recordings"][TWO]["path_from_bus"] is None
+    driver, name = ONE.split("/")
+    synced = Project(project).synced(driver).to_pandas()
+    path = synced[(synced["recording"] == name) & synced["x"].notna()]
+    truth = pq.read_table(project / "truth" / driver / f"{name}.parquet").to_pandas()
+    driven = sum(np.hypot(np.diff(run["x"]), np.diff(run["y"])).sum() for _, run in path.groupby("run"))
+    assert driven == pytest.approx(np.hypot(np.diff(truth["x"]), np.diff(truth["y"])).sum(), rel=0.02)
 
 
 def test_a_link_to_a_file_that_is_gone(project: Path, wheelprint: Command) -> None:

@@ -50,7 +50,8 @@ from wheelprint.ingest.can.mf4 import Mf4
 from wheelprint.ingest.can.pcap import Pcap
 from wheelprint.ingest.can.python_can_csv import PythonCanCsv
 from wheelprint.ingest.can.trc import Trc
-from wheelprint.ingest.mcap_logs import McapFrames, McapNavigation
+from wheelprint.ingest.mcap_frames import McapFrames
+from wheelprint.ingest.mcap_navigation import McapNavigation
 from wheelprint.ingest.nmea import Nmea
 from wheelprint.ingest.oxts.kitti import Kitti
 from wheelprint.ingest.oxts.ncom import Ncom
