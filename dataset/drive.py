@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from ..schemas.config import Config
 from .events import Event, covered
 from .path import Floats, course_deviation, distance
 from .segments import divide, features
-from .smoothing import moving_average, moving_average_of_angles
+from .smoothing import smooth, smooth_angles
 from .steering import Steering
 
 
@@ -96,6 +97,16 @@ def select_rows(
     return rows, numbers.astype(np.int32), dict(excluded), dict(undecided)
 
 
+def segments_of(
+    course_deviation: Floats, run: NDArray[np.int32], config: Config
+) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
+    """Return segments and sides as `divide`, by the thresholds of `[segments]` at the project's rate."""
+    settings, period = config.segments, config.sync.period
+    release = settings.neutral if settings.release is None else settings.release
+    shortest = math.ceil(settings.minimum_duration * 1e9 / period)
+    return divide(course_deviation, run, settings.neutral * period / 1e8, release * period / 1e8, shortest)
+
+
 def derive(table: pa.Table, events: Iterable[Event], steering: Steering, config: Config) -> Drive:
     """Return a recording's ordinary driving, smoothed within its runs, with the quantities of both papers.
 
@@ -110,7 +121,7 @@ def derive(table: pa.Table, events: Iterable[Event], steering: Steering, config:
     core = core_columns(config)
     rows, run, excluded, undecided = select_rows(table, events, core)
     chosen = table.take(pa.array(rows))
-    window = config.dataset.smoothing_window
+    how = (run, config.dataset.smoothing_window, config.dataset.smoothing)
 
     def values(name: str) -> Floats:
         column: Floats = chosen[name].to_numpy()
@@ -118,13 +129,13 @@ def derive(table: pa.Table, events: Iterable[Event], steering: Steering, config:
 
     measured = {name: values(name) for name in ("x", "y", "course", "heading")}
     measured |= {"speed": values(core[3]), "steering_wheel_angle": values("steering_wheel_angle") - steering.offset}
-    smooth = {"course": moving_average_of_angles, "heading": moving_average_of_angles}
-    columns = {name: smooth.get(name, moving_average)(series, run, window) for name, series in measured.items()}
+    by_kind = {"course": smooth_angles, "heading": smooth_angles}
+    columns = {name: by_kind.get(name, smooth)(series, *how) for name, series in measured.items()}
     for of in (measured, columns):
         of["road_wheel_angle"] = of["steering_wheel_angle"] / steering.ratio
     deviation = columns["course_deviation"] = course_deviation(columns["course"], run)
     period = config.sync.period
-    segment, side = divide(deviation, run, config.segments.neutral * period / 1e8)
+    segment, side = segments_of(deviation, run, config)
     return Drive(
         chosen["time"].cast(pa.int64()).to_numpy(),
         run,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,29 @@ def deal_folds(samples: int, folds: int, seed: int) -> NDArray[np.int16]:
     """
     block = np.arange(samples) * folds // samples
     fold: NDArray[np.int16] = np.random.default_rng(seed).permutation(folds).astype(np.int16)[block]
+    return fold
+
+
+def deal_recordings(samples: Sequence[int], folds: int, seed: int) -> NDArray[np.int16]:
+    """Return the fold, from 0, of each of a driver's recordings, so that a fold is tested on drives of its own.
+
+    The longest recording that is left goes to the fold that has the fewest samples so far, so that no fold is ahead of
+    another one by more than the shortest recording dealt to it. The order of equals is seeded, and which fold is which.
+
+    Args:
+        samples: Of every recording, each above 0; at least as many recordings as folds, so that no fold is empty.
+        folds: M of PP eq. 12.
+        seed: Of the order.
+    """
+    generator = np.random.default_rng(seed)
+    shuffled = generator.permutation(len(samples))
+    name = generator.permutation(folds).astype(np.int16)
+    fold = np.empty(len(samples), np.int16)
+    filled = np.zeros(folds, np.int64)
+    for recording in shuffled[np.argsort(-np.asarray(samples)[shuffled], kind="stable")]:
+        emptiest = int(np.argmin(filled))
+        fold[recording] = name[emptiest]
+        filled[emptiest] += samples[recording]
     return fold
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -31,33 +32,105 @@ class PathClustering(Protocol):
 
         Returns:
             Labels (n_segments,) from 1, ordered by falling mean average course deviation, so that 1 is the sharpest
-            as in MP's Table I; means (k, 4) in the features' units and weights (k,), both in the order of the labels;
-            and the (clusters, criterion) pairs that were compared.
+            as in MP's Table I, and among equals by falling mean maximum, duration and speed; means (k, 4) in the
+            features' units and weights (k,), both in the order of the labels; and the (clusters, criterion) pairs that
+            were compared.
         """
 
 
-def divide(course_deviation: Floats, run: Runs, neutral: float) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
+def divide(
+    course_deviation: Floats, run: Runs, neutral: float, release: float | None = None, shortest: int = 1
+) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
     """Divide a recording into segments of one side each.
 
-    Left is a course deviation above `neutral`, right one below `-neutral`, neutral what lies between. A segment ends
-    where the side changes and at the end of a run. The first sample of a run has no course deviation and belongs to
-    the segment of the sample after it.
+    Left is a course deviation above `neutral`, right one below `-neutral`, neutral what lies between. With a lower
+    `release` a bend that has begun goes on until the course deviation falls to that. A segment ends where the side
+    changes and at the end of a run. The first sample of a run has no course deviation and belongs to the segment of the
+    sample after it.
+
+    MP finds that its segments switch too often and that some can be merged, without saying how. Here a segment of fewer
+    than `shortest` samples takes the side of its longer neighbour within the run, the earlier one among equals, and is
+    joined with it (and with the other one where that has the same side); the shortest comes first, and of equals the
+    earliest. Only a run that is too short itself keeps a segment below `shortest`.
 
     Args:
         course_deviation: deg per sample (n_samples,), NaN for the first sample of a run.
         run: Number of the run of every sample.
         neutral: deg per sample, above 0.
+        release: deg per sample, at most `neutral`, which it is by default.
+        shortest: Samples; 1, as in MP: nothing is merged.
 
     Returns:
         The segment of every sample, from 0, and its side: 1 left, 0 neutral, -1 right; both (n_samples,).
     """
-    side = (course_deviation > neutral).astype(np.int8) - (course_deviation < -neutral).astype(np.int8)
+    side = _sides(course_deviation, run, neutral, neutral if release is None else release)
+    begins_side = begins_run(run)
+    begins_side[1:] |= side[1:] != side[:-1]
+    if shortest > 1:
+        first = np.flatnonzero(begins_side)
+        lengths = np.diff(np.append(first, len(side)))
+        side = _merge_short(side[first], lengths, run[first], shortest)
+        begins_side = begins_run(run)
+        begins_side[1:] |= side[1:] != side[:-1]
+    return (np.cumsum(begins_side) - 1).astype(np.int32), side
+
+
+def _sides(course_deviation: Floats, run: Runs, neutral: float, release: float) -> NDArray[np.int8]:
+    amount = np.nan_to_num(np.abs(course_deviation))
+    turn = np.sign(np.nan_to_num(course_deviation)).astype(np.int8)
+    side = np.where(amount > neutral, turn, 0).astype(np.int8)
     begins = begins_run(run)
+    if release < neutral:
+        # What lies between the thresholds goes on with a bend to its own side, where such a bend leads up to it.
+        level = np.where(amount > neutral, 2, np.where(amount > release, 1, 0)) * turn
+        first = np.flatnonzero(begins | (level != np.roll(level, 1)))
+        before = np.where(begins[first], 0, np.roll(level, 1)[first])
+        goes_on = (np.abs(level[first]) == 1) & (before == 2 * level[first])
+        lengths = np.diff(np.append(first, len(side)))
+        side = np.where(np.repeat(goes_on, lengths), turn, side)
     alone = begins & np.append(begins[1:], True)
-    first = np.flatnonzero(begins & ~alone)
-    side[first] = side[first + 1]
-    begins[1:] |= side[1:] != side[:-1]
-    return (np.cumsum(begins) - 1).astype(np.int32), side
+    start = np.flatnonzero(begins & ~alone)
+    side[start] = side[start + 1]
+    return side
+
+
+def _merge_short(side: NDArray[np.int8], lengths: Integers, run: Runs, shortest: int) -> NDArray[np.int8]:
+    """Merge segments as `divide` says; return the side of every sample.
+
+    Args:
+        side: Of every segment (n_segments,), in the order of time.
+        lengths: Samples of every segment.
+        run: Run of every segment.
+        shortest: Samples.
+    """
+    begins = begins_run(run)
+    index = np.arange(len(side))
+    before = np.where(begins, -1, index - 1).tolist()
+    after = np.where(np.append(begins[1:], True), -1, index + 1).tolist()
+    length, sides = lengths.tolist(), side.tolist()
+    waiting = [(samples, number) for number, samples in enumerate(length) if samples < shortest]
+    heapq.heapify(waiting)
+    while waiting:
+        samples, own = heapq.heappop(waiting)
+        neighbours = [number for number in (before[own], after[own]) if number >= 0]
+        if length[own] != samples or not neighbours:  # joined with another one in the meantime, or a whole run
+            continue
+        sides[own] = sides[max(neighbours, key=lambda number: length[number])]
+        for other in neighbours:
+            if sides[other] == sides[own]:
+                length[own] += length[other]
+                length[other] = 0
+                if other == before[own]:
+                    before[own] = before[other]
+                else:
+                    after[own] = after[other]
+        if before[own] >= 0:
+            after[before[own]] = own
+        if after[own] >= 0:
+            before[after[own]] = own
+        if length[own] < shortest:
+            heapq.heappush(waiting, (length[own], own))
+    return np.repeat(np.array(sides, np.int8), length)
 
 
 def features(course_deviation: Floats, speed: Floats, segment: Integers, period: int) -> Floats:

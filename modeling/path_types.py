@@ -13,8 +13,11 @@ from .mixture import GaussianMixture
 
 Labels = npt.NDArray[np.integer[Any]]
 
-AVERAGE_COURSE_DEVIATION = 1
-"""Column of the features of `dataset.segments` that orders the labels."""
+RANK = (1, 2, 0, 3)
+"""Columns of the features of `dataset.segments` that order the labels, each falling: label 1 has the largest average
+course deviation, of equals the largest maximum, then the longest duration, then the highest speed. So a label means the
+same after every run on the same data. Between drivers it means a rank: label 1 is each one's sharpest kind of segment,
+and how sharp that is says its mean."""
 
 SMALLEST_DEVIATION = 1e-3
 """deg per 0.1 s; less is below what navigation resolves, and zero has no logarithm."""
@@ -79,7 +82,7 @@ class PathTypes:
         best = fits[min(criterion, key=lambda count: criterion[count])]
         responsibilities = best.predict_proba(rows)
         means = responsibilities.T @ features / responsibilities.sum(axis=0)[:, None]
-        order = np.argsort(-means[:, AVERAGE_COURSE_DEVIATION], kind="stable")
+        order = np.lexsort([-means[:, feature] for feature in reversed(RANK)])
         mixture = GaussianMixture.from_parameters(best.weights_[order], best.means_[order], best.covariances_[order])
         return cls(mixture, means[order], logarithms, tuple(criterion.items()))
 

@@ -304,24 +304,40 @@ class Situations(Section):
         return names
 
 
+Smoothing = Literal["moving average", "zero-phase", "causal"]
+
+
 class Dataset(Section):
     """`[dataset]`."""
 
-    smoothing_window: int = Field(default=5, ge=1, description="samples of the moving average, odd")
+    smoothing: Smoothing = Field(
+        default="moving average",
+        description="moving average: centred, as in the papers; zero-phase: a parabola through the window (Savitzky "
+        "and Golay), which keeps peaks; causal: the average of the samples up to now, which is late but knows nothing "
+        "of the future",
+    )
+    smoothing_window: int = Field(
+        default=5, ge=1, description="samples that one sample is smoothed over, odd unless smoothing is causal"
+    )
     speed: Literal["nav", "can"] = "nav"
     folds: int = Field(default=10, ge=2, description="M of PP eq. 12")
+    by: Literal["block", "recording"] = Field(
+        default="block",
+        description="what is dealt to the folds: as many contiguous blocks of a driver's samples, or whole recordings",
+    )
     embargo: float = Field(
         default=6.0,
         ge=0,
-        description="s left out of training on both sides of a test fold: the longest window, smoothing included",
+        description="s left out of training on both sides of a test fold: at least the longest window, smoothing and "
+        "the path ahead that a lookahead distance is found on included",
     )
     seed: int = 0
 
     @field_validator("smoothing_window")
     @classmethod
-    def _is_odd(cls, window: int) -> int:
-        if window % 2 == 0:
-            raise ValueError("a centred moving average needs an odd number of samples")
+    def _is_odd(cls, window: int, info: ValidationInfo) -> int:
+        if window % 2 == 0 and info.data.get("smoothing") != "causal":
+            raise ValueError("a centred window needs an odd number of samples")
         return window
 
 
@@ -372,8 +388,24 @@ class Segments(Section):
     """`[segments]`."""
 
     neutral: float = Field(default=0.05, gt=0, description="deg per 0.1 s; a smaller course deviation is neutral")
+    release: float | None = Field(
+        default=None,
+        ge=0,
+        description="deg per 0.1 s, at most `neutral`; a bend that has begun ends below it. Default: `neutral`, as in "
+        "MP, no hysteresis",
+    )
+    minimum_duration: float = Field(
+        default=0.0, ge=0, description="s; shorter segments are merged with a neighbour. Default: none, as in MP"
+    )
     clusters: Literal["bic"] | Annotated[int, Field(ge=1)] = "bic"
     maximum_clusters: int = Field(default=6, ge=1)
+
+    @field_validator("release")
+    @classmethod
+    def _is_lower(cls, release: float | None, info: ValidationInfo) -> float | None:
+        if release is not None and release > info.data.get("neutral", release):
+            raise ValueError("a bend cannot end above the course deviation that it begins with (segments.neutral)")
+        return release
 
 
 class LookaheadModel(Section):
@@ -428,6 +460,17 @@ class Config(Section):
     segments: Segments = Segments()
     models: Models = Models()
 
+    @property
+    def longest_window(self) -> int:
+        """Steps from the first to the last raw sample that a window of any model, or what it is to predict, rests on.
+
+        A motion primitive reaches from its past to its future steps, a lookahead distance to the last path point ahead;
+        the course deviation takes one sample more, and smoothing adds its own window.
+        """
+        primitives = self.models.motion_primitives
+        ahead = max(max(*primitives.past_steps, 0) + primitives.future_steps, self.lookahead.points)
+        return 1 + ahead + self.dataset.smoothing_window - 1
+
 
 def read_config(path: Path) -> Config:
     """Read and validate a project file.
@@ -448,11 +491,27 @@ def read_config(path: Path) -> Config:
     except tomllib.TOMLDecodeError as error:
         raise InputError(path, "", f"not TOML: {error}") from None
     try:
-        return Config.model_validate(raw)
+        config = Config.model_validate(raw)
     except ValidationError as error:
         lines = [_complaint(item["loc"], item["type"], item["msg"], item.get("input")) for item in error.errors()]
         keys = ", ".join(dict.fromkeys(line.split(":", 1)[0] for line in lines))
         raise InputError(path, keys, "; ".join(dict.fromkeys(lines))) from None
+    longest = config.longest_window * config.sync.period / 1e9
+    if config.dataset.embargo < longest:
+        raise InputError(path, "dataset.embargo", _short_embargo(config, longest))
+    return config
+
+
+def _short_embargo(config: Config, longest: float) -> str:
+    primitives = config.models.motion_primitives
+    past, future = max(*primitives.past_steps, 0), primitives.future_steps
+    return (
+        f"{config.dataset.embargo:g} s is shorter than the longest window, {longest:g} s at {config.sync.rate:g} Hz, "
+        f"and training windows would share samples with test windows. models.motion_primitives takes {past} past and "
+        f"{future} future steps, lookahead.points looks {config.lookahead.points} ahead, the course deviation 1 back, "
+        f"and dataset.smoothing_window adds {config.dataset.smoothing_window - 1}. Write {longest:g} or more, or "
+        "shorten these"
+    )
 
 
 def _complaint(location: tuple[int | str, ...], kind: str, message: str, found: Any) -> str:

@@ -94,6 +94,10 @@ class Project:
         """`dataset/driver=…/recording=…/part-0.parquet`."""
         return self._partition("dataset", driver, recording) / "part-0.parquet"
 
+    def data_card_file(self, driver: str) -> Path:
+        """`dataset/driver=…/_card.json`; what reads a folder of Parquet files passes over names that begin with `_`."""
+        return self.directory / "dataset" / f"driver={encode_name(driver)}" / "_card.json"
+
     def model_folder(self, model: str, driver: str) -> Path:
         """`models/<model>/<driver>`."""
         return self.directory / "models" / model / encode_name(driver)

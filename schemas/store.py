@@ -119,7 +119,7 @@ class Manifest:
 
     An entry is a section ("recordings", "dataset", "models", …), a name within it, and a mapping that holds at least
     `fingerprint` (of inputs and parameters), `outputs` (`path` relative to the project, `sha256`, `bytes`) and
-    `problems` (`path`, `where`, `reason`).
+    `problems` (`path`, `where`, `reason`); `documents` are files like outputs that describe them to people.
     """
 
     def __init__(self, project: Path) -> None:
@@ -143,16 +143,16 @@ class Manifest:
         entry = self.entry(section, name)
         return entry.get("fingerprint") == fingerprint and all(
             (file := self._project / output["path"]).is_file() and file.stat().st_size == output["bytes"]
-            for output in entry["outputs"]
+            for output in _files(entry)
         )
 
     def record(self, section: str, name: str, entry: Mapping[str, Any]) -> None:
         """Put an entry in place of the one before, remove the files only that one stood for, and save."""
         old = self.entry(section, name)
-        kept = {output["path"] for output in entry.get("outputs", ())}
+        kept = {output["path"] for output in _files(entry)}
         self.content.setdefault(section, {})[name] = dict(entry)
         publish_json(self.path, self.content)
-        for output in old.get("outputs", ()):
+        for output in _files(old):
             if output["path"] not in kept:
                 (self._project / output["path"]).unlink(missing_ok=True)
 
@@ -167,6 +167,10 @@ class Manifest:
             self.record(section, name, {"outputs": []})
             del self.content[section][name]
             publish_json(self.path, self.content)
+
+
+def _files(entry: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    return [*entry.get("outputs", ()), *entry.get("documents", ())]
 
 
 def describe_output(project: Path, path: Path, **facts: Any) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wheelprint.dataset.folds import deal_folds, training_mask
+from wheelprint.dataset.folds import deal_folds, deal_recordings, training_mask
 
 PERIOD = 100_000_000
 
@@ -25,6 +25,25 @@ def test_folds_are_balanced_blocks(samples: int, folds: int, seed: int) -> None:
 def test_the_seed_deals() -> None:
     dealt = {tuple(deal_folds(10, 10, seed).tolist()) for seed in range(20)}
     assert len(dealt) > 15
+
+
+@given(st.lists(st.integers(1, 5000), min_size=2, max_size=40), st.data(), st.integers(0, 5))
+def test_whole_recordings_are_dealt_and_balance(samples: list[int], data: st.DataObject, seed: int) -> None:
+    folds = data.draw(st.integers(2, len(samples)))
+    fold = deal_recordings(samples, folds, seed)
+    filled = np.bincount(fold, weights=samples, minlength=folds)
+    assert len(fold) == len(samples)
+    assert len(filled) == folds
+    assert filled.min() > 0
+    np.testing.assert_array_equal(fold, deal_recordings(samples, folds, seed))
+    # no fold is ahead of another by more than its own last, and shortest, recording
+    for own in range(folds):
+        assert filled[own] - min(size for size, of in zip(samples, fold, strict=True) if of == own) <= filled.min()
+
+
+def test_the_seed_deals_recordings() -> None:
+    assert len({tuple(deal_recordings([600] * 10, 10, seed).tolist()) for seed in range(20)}) > 15
+    assert sorted(deal_recordings([600] * 10, 10, 3).tolist()) == list(range(10))
 
 
 @st.composite

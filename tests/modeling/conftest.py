@@ -27,7 +27,9 @@ CONFIG = f"""
 wheelbase = 2.8
 [dataset]
 folds = {FOLDS}
-embargo = 1.0
+embargo = 1.1
+[lookahead]
+points = 5
 [segments]
 clusters = 2
 [models]

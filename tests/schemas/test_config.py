@@ -51,7 +51,7 @@ def test_all_wrong_keys_are_named_at_once(tmp_path: Path) -> None:
         "vehicle.wheelbase: missing; it has no default; "
         "vehicle.wheelbas: unknown key; did you mean wheelbase?; "
         "sync.rate: Input should be greater than 0, found -1; "
-        "dataset.smoothing_window: a centred moving average needs an odd number of samples, found 4"
+        "dataset.smoothing_window: a centred window needs an odd number of samples, found 4"
     )
 
 
@@ -140,3 +140,28 @@ def test_wrong_thresholds_are_named(tmp_path: Path) -> None:
 def test_situations_differ(tmp_path: Path) -> None:
     message = read(tmp_path, '[vehicle]\nwheelbase = 2.8\n[situations]\nnames = ["a", "b", "a"]\n')
     assert message.startswith("situations.names | situations.names: named twice: a, found")
+
+
+def test_an_embargo_shorter_than_the_longest_window_says_what_makes_it_long(tmp_path: Path) -> None:
+    assert read(tmp_path, "[vehicle]\nwheelbase = 2.8\n[lookahead]\npoints = 80\n") == (
+        "dataset.embargo | 6 s is shorter than the longest window, 8.5 s at 10 Hz, and training windows would share "
+        "samples with test windows. models.motion_primitives takes 1 past and 50 future steps, lookahead.points looks "
+        "80 ahead, the course deviation 1 back, and dataset.smoothing_window adds 4. Write 8.5 or more, or shorten "
+        "these"
+    )
+    (tmp_path / "wheelprint.toml").write_text(
+        "[vehicle]\nwheelbase = 2.8\n[dataset]\nembargo = 8.5\n[lookahead]\npoints = 80\n", encoding="utf-8"
+    )
+    assert read_config(tmp_path / "wheelprint.toml").longest_window == 85
+
+
+def test_a_causal_window_may_be_even_and_a_bend_ends_below_where_it_begins(tmp_path: Path) -> None:
+    path = tmp_path / "wheelprint.toml"
+    path.write_text(
+        '[vehicle]\nwheelbase = 2.8\n[dataset]\nsmoothing = "causal"\nsmoothing_window = 4\n', encoding="utf-8"
+    )
+    assert read_config(path).dataset.smoothing_window == 4
+    assert read(tmp_path, "[vehicle]\nwheelbase = 2.8\n[segments]\nneutral = 0.04\nrelease = 0.05\n") == (
+        "segments.release | segments.release: a bend cannot end above the course deviation that it begins with "
+        "(segments.neutral), found 0.05"
+    )
