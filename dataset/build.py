@@ -1,45 +1,30 @@
-"""The build stage: synced tables to `events.csv` and the dataset of every driver."""
+"""The build stage: synced tables to `events.csv`, `situations.csv` and a task for the dataset of every driver."""
 
 from __future__ import annotations
 
 import difflib
-import json
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from .. import __version__
-from ..schemas.config import Config
 from ..schemas.errors import InputError
 from ..schemas.project import Project
-from ..schemas.signals import SIGNALS
-from ..schemas.store import describe_output, fingerprint, publish_table, read_table
-from ..schemas.tables import DATASET
-from ..schemas.tasks import Outcome, Task
+from ..schemas.store import fingerprint, read_table
+from ..schemas.tasks import Task
 from .detectors import propose_events
-from .drive import Drive, core_columns, derive
-from .driver_lookahead import driver_lookahead
+from .driver_dataset import build_driver
 from .events import Event, merge_proposals, read_events, write_events
-from .folds import deal_folds
 from .manoeuvres import propose_situations
 from .path import Floats
+from .provenance import parameters_of
 from .reference import find_references
-from .segments import SIDES, Integers, PathClustering, path_types
-from .situations import Situation, situation_of, update_situations
-from .steering import Steering, calibrate, steering_series
+from .segments import PathClustering
+from .situations import Situation, update_situations
+from .steering import calibrate, steering_series
 from .stretches import Stretch
-
-SAMPLES_PER_FOLD = 60
-"""With fewer there is nothing to test: one window of MP takes 51."""
-
-SEGMENTS_PER_CLUSTER = 10
-"""Fewer do not determine the covariance of four features."""
 
 
 def plan_build(project: Project, cluster: PathClustering) -> tuple[list[Task], list[InputError]]:
@@ -92,7 +77,7 @@ def plan_build(project: Project, cluster: PathClustering) -> tuple[list[Task], l
         driven_in = [situation for situation in situations if situation.recording.startswith(f"{driver}/")]
         made_from = {
             "version": __version__,
-            "parameters": _parameters(config, steering),
+            "parameters": parameters_of(config, steering),
             "cluster": [getattr(cluster, "__module__", ""), getattr(cluster, "__qualname__", "")],
             "synced": files,
             "references": references,
@@ -105,113 +90,6 @@ def plan_build(project: Project, cluster: PathClustering) -> tuple[list[Task], l
         }  # fmt: skip
         tasks.append(Task("dataset", driver, build_driver, arguments, fingerprint(made_from)))
     return tasks, problems
-
-
-def build_driver(
-    project: Path,
-    driver: str,
-    synced: Mapping[str, tuple[str, str]],
-    events: Sequence[Event],
-    situations: Sequence[Situation],
-    steering: Steering,
-    config: Config,
-    cluster: PathClustering,
-    references: Mapping[str, tuple[str, str]],
-) -> Outcome:
-    """Build the dataset of one driver and publish one file for each recording.
-
-    Args:
-        project: Project folder.
-        driver: Whose dataset is built.
-        synced: Recording -> path from the project folder and SHA-256 of its synced table.
-        events: Of this driver's recordings.
-        situations: Of this driver's recordings.
-        steering: Calibration of the car's steering.
-        config: The project file.
-        cluster: Clusters the driver's path segments.
-        references: Recording -> path from the project folder and SHA-256 of its reference path, where it has one.
-
-    Returns:
-        The manifest entry: path types, what was driven, what was left out, outputs; and the recordings without use.
-
-    Raises:
-        InputError: Too little ordinary driving remains.
-    """
-    drives: dict[str, Drive] = {}
-    origins: dict[str, str] = {}
-    excluded: Counter[str] = Counter()
-    undecided: Counter[str] = Counter()
-    problems: list[InputError] = []
-    for name, (file, _) in synced.items():
-        table = read_table(project / file)
-        if empty := [column for column in core_columns(config) if table[column].null_count == len(table)]:
-            problems.append(InputError(project / file, ", ".join(empty), _how_to_fill(empty)))
-            excluded["missing"] += len(table)
-            continue
-        drive = derive(table, [e for e in events if e.recording == f"{driver}/{name}"], steering, config)
-        excluded.update(drive.excluded)
-        undecided.update(drive.undecided)
-        if len(drive.time):
-            drives[name] = drive
-            origins[name] = (table.schema.metadata or {}).get(b"origin", b"null").decode()
-        else:
-            reason = f"no row of it is ordinary driving: {_seconds(drive.excluded, config)}"
-            problems.append(InputError(project / file, "", reason))
-    drives = dict(sorted(drives.items(), key=lambda item: (int(item[1].time[0]), item[0])))
-    samples = sum(len(drive.time) for drive in drives.values())
-    if samples < (needed := config.dataset.folds * SAMPLES_PER_FOLD):
-        raise InputError(project, f"driver {driver!r}", _too_little(samples, needed, excluded, problems, config))
-
-    lookahead, manner, doubts = driver_lookahead(project, driver, drives, origins, references, config)
-    problems += doubts
-    features = np.concatenate([drive.features for drive in drives.values()])
-    labels, means, weights, bic = _path_clusters(features, config, cluster, problems, project, driver)
-    fold = deal_folds(samples, config.dataset.folds, config.dataset.seed)
-    outputs = []
-    in_situation: Counter[str] = Counter()
-    first_row = first_segment = 0
-    for name, drive in drives.items():
-        rows = slice(first_row, first_row := first_row + len(drive.time))
-        segments = slice(first_segment, first_segment := first_segment + len(drive.features))
-        metadata = {
-            "driver": driver,
-            "recording": name,
-            "wheelprint": __version__,
-            "parameters": json.dumps(_parameters(config, steering), sort_keys=True),
-            "origin": origins[name],
-            "inputs": json.dumps(dict(files[name] for files in (synced, references) if name in files), sort_keys=True),
-        }
-        path = Project(project).dataset_file(driver, name)
-        situation = situation_of(drive.time, [s for s in situations if s.recording == f"{driver}/{name}"])
-        in_situation.update(one for one in situation if one is not None)
-        table = _table(drive, lookahead[name], labels[segments], fold[rows], situation)
-        publish_table(path, table.replace_schema_metadata(metadata))
-        outputs.append(describe_output(project, path, rows=len(drive.time), recording=name))
-    second = 1e9 / config.sync.period
-    entry = {
-        "outputs": outputs,
-        "clusters": [
-            {
-                "label": label,
-                "share": float(weight),
-                "duration_s": float(mean[0]),
-                "average_course_deviation_deg": float(mean[1]),
-                "maximum_course_deviation_deg": float(mean[2]),
-                "average_speed_m_s": float(mean[3]),
-            }
-            for label, (mean, weight) in enumerate(zip(means, weights, strict=True), start=1)
-        ],
-        "segments": len(features),
-        "lookahead": manner,
-        "bic": [{"clusters": int(count), "bic": float(value)} for count, value in bic],
-        "samples": samples,
-        "driven_s": samples / second,
-        "distance_m": sum(drive.distance for drive in drives.values()),
-        "excluded": {reason: count / second for reason, count in sorted(excluded.items())},
-        "undecided": {kind: count / second for kind, count in sorted(undecided.items())},
-        "situations": {situation: count / second for situation, count in sorted(in_situation.items())},
-    }
-    return Outcome(entry, tuple(problems))
 
 
 def _synced_files(project: Project) -> tuple[dict[str, dict[str, tuple[str, str]]], list[InputError]]:
@@ -271,97 +149,3 @@ def _strays(project: Project, path: Path, stretches: Sequence[Stretch]) -> list[
         hint = f"did you mean {near[0]}?" if near else "correct or remove its lines"
         problems.append(InputError(path, name, f"the project has no such recording; {hint}"))
     return problems
-
-
-def _parameters(config: Config, steering: Steering) -> dict[str, Any]:
-    return {
-        "sync": {"rate": config.sync.rate},
-        "vehicle": {"wheelbase": config.vehicle.wheelbase},
-        "steering": asdict(steering),
-        "dataset": config.dataset.model_dump(),
-        "lookahead": config.lookahead.model_dump(exclude={"maximum_spread"}),
-        "segments": config.segments.model_dump(),
-    }
-
-
-def _path_clusters(
-    features: Floats, config: Config, cluster: PathClustering, problems: list[InputError], project: Path, driver: str
-) -> tuple[Integers, Floats, Floats, list[tuple[int, float]]]:
-    """Cluster a driver's segments, into fewer clusters than asked for where the segments do not determine so many."""
-    settings = config.segments
-    most = len(features) // SEGMENTS_PER_CLUSTER
-    labels: Integers = np.ones(len(features), np.int64)
-    means, weights = features.mean(axis=0, keepdims=True), np.ones(1)
-    bic: list[tuple[int, float]] = []
-    if most > 0:
-        asked = settings.clusters if settings.clusters == "bic" else min(settings.clusters, most)
-        maximum = min(settings.maximum_clusters, most)
-        labels, means, weights, bic = cluster(features, asked, maximum, config.dataset.seed)
-    found = len(weights)
-    if settings.clusters != "bic" and found < settings.clusters:
-        reason = (
-            f"driver {driver!r}: {settings.clusters} clusters were asked for, and {len(features)} segments give "
-            f'{found}; ask for fewer, write "bic", or add recordings'
-        )
-        problems.append(InputError(project / "wheelprint.toml", "segments.clusters", reason))
-    return labels, means, weights, bic
-
-
-def _table(
-    drive: Drive,
-    lookahead: tuple[Floats, Floats],
-    labels: Integers,
-    fold: NDArray[np.int16],
-    situation: NDArray[Any],
-) -> pa.Table:
-    begins = np.flatnonzero(np.diff(drive.segment, prepend=-1))
-    types = np.array(path_types(labels, drive.run[begins]))
-    sides = np.array([SIDES[side] for side in sorted(SIDES)])
-    columns: dict[str, NDArray[Any]] = {
-        "time": drive.time,
-        "run": drive.run,
-        **drive.columns,
-        "lookahead": lookahead[0],
-        "lookahead_spread": lookahead[1],
-        "segment": drive.segment,
-        "path_side": sides[drive.side + 1],
-        "path_label": labels[drive.segment].astype(np.int16),
-        "path_type": types[drive.segment],
-        "situation": situation,
-        "fold": fold,
-    }
-    return pa.table([pa.array(columns[f.name], f.type, from_pandas=True) for f in DATASET], schema=DATASET)
-
-
-def _how_to_fill(empty: Sequence[str]) -> str:
-    """Say where the columns come from that a recording lacks entirely."""
-    of_car = [name for name in empty if SIGNALS[name].source == "can"]
-    of_navigation = [name for name in empty if SIGNALS[name].source == "nav"]
-    steps = []
-    if of_car:
-        mapping = ", ".join(f'{name} = "Message.Signal"' for name in of_car)
-        steps.append(f"map the car's signals in wheelprint.toml: [can.signals] {mapping}")
-    if of_navigation:
-        steps.append(f"{', '.join(of_navigation)} must come from a navigation log in the recording's folder")
-    return (
-        "nothing but nulls in this recording, which is left out of the dataset; "
-        f"{'; '.join(steps)}. `wheelprint inspect FILE` shows what a log holds"
-    )
-
-
-def _too_little(
-    samples: int, needed: int, excluded: Mapping[str, int], problems: Sequence[InputError], config: Config
-) -> str:
-    """Say what there is of a driver, what is needed and what can be done."""
-    absent = f" Left out: {_seconds(excluded, config)}." if excluded else ""
-    lost = f" Recordings without use: {'; '.join(map(str, problems))}." if problems else ""
-    return (
-        f"{samples} samples of ordinary driving, and {needed} are needed ({SAMPLES_PER_FOLD} for each of "
-        f"{config.dataset.folds} folds).{absent}{lost} Add recordings, decide about proposed events "
-        "(`wheelprint review`), or lower dataset.folds"
-    )
-
-
-def _seconds(excluded: Mapping[str, int], config: Config) -> str:
-    period = config.sync.period / 1e9
-    return ", ".join(f"{reason} {count * period:.1f} s" for reason, count in sorted(excluded.items()))

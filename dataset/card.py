@@ -116,9 +116,7 @@ def _ranges(values: Floats, edges: Sequence[float], way: Floats, period: float) 
         )
     ]
     if samples[-1]:
-        rows.append(
-            {"from": None, "to": None, "seconds": int(samples[-1]) * period, "distance_m": float(metres[-1])}
-        )
+        rows.append({"from": None, "to": None, "seconds": int(samples[-1]) * period, "distance_m": float(metres[-1])})
     return rows
 
 

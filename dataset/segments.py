@@ -16,6 +16,10 @@ SIDES = {1: "left", 0: "neutral", -1: "right"}
 """Sign of the course deviation -> `path_side`."""
 
 
+SEGMENTS_PER_CLUSTER = 10
+"""Fewer do not determine the covariance of four features."""
+
+
 class PathClustering(Protocol):
     """Clusters path segments; handed to the build, because models stand after datasets."""
 
@@ -173,3 +177,17 @@ def path_types(labels: Integers, run: Runs) -> list[str]:
     before = np.where(begins, labels, np.roll(labels, 1))
     after = np.where(ends, labels, np.roll(labels, -1))
     return [f"{a}-{b}-{c}" for a, b, c in zip(before, labels, after, strict=True)]
+
+
+def describe_clusters(means: Floats, weights: Floats) -> list[dict[str, Any]]:
+    """Return clusters of segments as the manifest has them.
+
+    Args:
+        means: Features of each label, as `features` returns them, (k, 4).
+        weights: Share of each label (k,).
+    """
+    names = ("duration_s", "average_course_deviation_deg", "maximum_course_deviation_deg", "average_speed_m_s")
+    return [
+        {"label": label, "share": float(share), **dict(zip(names, mean.tolist(), strict=True))}
+        for label, (share, mean) in enumerate(zip(weights, means, strict=True), start=1)
+    ]

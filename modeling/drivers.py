@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..dataset.build import SEGMENTS_PER_CLUSTER
-from ..dataset.segments import features, path_types
+from ..dataset.segments import SEGMENTS_PER_CLUSTER, describe_clusters, features, path_types
 from ..schemas.config import Config
 from ..schemas.errors import InputError
 from ..schemas.project import Project
@@ -95,11 +94,7 @@ def label_rows(series: Series, types: PathTypes, config: Config) -> NDArray[np.s
 
 def describe_path_types(types: PathTypes) -> list[dict[str, Any]]:
     """Return the clusters as the manifest writes those of the dataset."""
-    names = ("duration_s", "average_course_deviation_deg", "maximum_course_deviation_deg", "average_speed_m_s")
-    return [
-        {"label": label, "share": float(share), **dict(zip(names, mean.tolist(), strict=True))}
-        for label, (share, mean) in enumerate(zip(types.weights, types.means, strict=True), start=1)
-    ]
+    return describe_clusters(types.means, types.weights)
 
 
 @contextmanager

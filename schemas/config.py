@@ -464,12 +464,16 @@ class Config(Section):
     def longest_window(self) -> int:
         """Steps from the first to the last raw sample that a window of any model, or what it is to predict, rests on.
 
-        A motion primitive reaches from its past to its future steps, a lookahead distance to the last path point ahead;
-        the course deviation takes one sample more, and smoothing adds its own window.
+        A motion primitive reaches from its past to its future steps, a lookahead distance to the last path point ahead.
+        Behind that lies the sample that the course deviation, or a lag undone, takes; smoothing adds its own window.
         """
         primitives = self.models.motion_primitives
         ahead = max(max(*primitives.past_steps, 0) + primitives.future_steps, self.lookahead.points)
-        return 1 + ahead + self.dataset.smoothing_window - 1
+        return self._steps_back + ahead + self.dataset.smoothing_window - 1
+
+    @property
+    def _steps_back(self) -> int:
+        return max(1, round(1e8 / self.sync.period)) if self.lookahead.definition == "refined" else 1
 
 
 def read_config(path: Path) -> Config:
