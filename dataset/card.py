@@ -91,7 +91,6 @@ def data_card(
         ],
         "folds": {
             "by": config.dataset.by,
-            "embargo_s": config.dataset.embargo,
             "samples": samples_of_fold,
             "recordings": _recordings_of_folds(tables, config.dataset.folds),
         },

@@ -23,7 +23,10 @@ Files = Mapping[str, tuple[str, str]]
 
 
 def parameters_of(config: Config, steering: Steering) -> dict[str, Any]:
-    """Return everything in the project file, and of the calibration, that decides what is in a dataset."""
+    """Return everything in the project file, and of the calibration, that decides what is in a dataset.
+
+    The embargo and the largest spread only matter to those who take rows from it.
+    """
     return {
         "sync": {"rate": config.sync.rate},
         "vehicle": {"wheelbase": config.vehicle.wheelbase},
