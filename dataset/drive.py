@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..schemas.config import Config
 from .events import Event, covered
-from .path import Floats, course_deviation, distance
+from .path import Floats, Runs, course_deviation, distance
 from .segments import divide, features
 from .smoothing import smooth, smooth_angles
 from .steering import Steering
@@ -97,9 +97,7 @@ def select_rows(
     return rows, numbers.astype(np.int32), dict(excluded), dict(undecided)
 
 
-def segments_of(
-    course_deviation: Floats, run: NDArray[np.int32], config: Config
-) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
+def segments_of(course_deviation: Floats, run: Runs, config: Config) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
     """Return segments and sides as `divide`, by the thresholds of `[segments]` at the project's rate."""
     settings, period = config.segments, config.sync.period
     release = settings.neutral if settings.release is None else settings.release

@@ -17,7 +17,7 @@ from ..schemas.project import encode_name
 from ..schemas.store import describe_output, publish_json
 from ..schemas.tasks import Outcome
 from .baselines import Persistence, Ridge
-from .drivers import describe_path_types, fit_path_types, label_rows, one_thread, read_series
+from .drivers import describe_path_types, fit_path_types, label_rows, one_thread, part, read_series
 from .lookahead_models import GeneralLookahead, VelocityLookahead
 from .motion_primitives import fit_motion_primitives, windows_needed
 from .windows import Floats, Mask, Series, cut_windows, window_centres
@@ -32,8 +32,9 @@ FEWEST_SAMPLES = 100
 def evaluate_motion_primitives(project: Path, driver: str, fold: int, past_steps: int, config: Config) -> Outcome:
     """Fit motion primitives and baselines to all folds but one and test them on that one.
 
-    The types of path are fitted to the training folds too. All numbers of past steps are tested on the same windows,
-    those that are whole for the largest one.
+    Segments and types of path are those of the training folds too, and the type of a row is told by rows of its own
+    side alone, training or test. All numbers of past steps are tested on the same windows, those that are whole for the
+    largest one.
 
     Args:
         project: Project folder.
@@ -80,8 +81,9 @@ def evaluate_motion_primitives(project: Path, driver: str, fold: int, past_steps
         )
 
     with one_thread():
-        types = fit_path_types(series, training, config)
-        path_type = label_rows(series, types, config)
+        sides = part(series, training + 2 * test, config)
+        types = fit_path_types(sides, training, config)
+        path_type = label_rows(sides, types, config)
         ridge = Ridge.fit(learnt.inputs, learnt.outputs, gap=past + future)
         measure("persistence", 1, None, Persistence.fit(learnt.current, learnt.outputs).predict(asked.current))
         measure("ridge", 1, None, ridge.predict(asked.inputs))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..dataset.drive import segments_of
 from ..dataset.segments import SEGMENTS_PER_CLUSTER, describe_clusters, features, path_types
 from ..schemas.config import Config
 from ..schemas.errors import InputError
@@ -59,6 +60,24 @@ def read_series(project: Path, driver: str, config: Config) -> Series:
         told = table["lookahead_spread"].to_numpy() <= share * series.lookahead
         series = replace(series, lookahead=np.where(told, series.lookahead, np.nan))
     return series
+
+
+def part(series: Series, group: NDArray[Any], config: Config) -> Series:
+    """Return the same rows with stretches that also end where their group changes, and divided into segments anew.
+
+    So segments and types of path of a group rest on its own rows alone, as if the others had not been driven. Only the
+    first row of a stretch, which has no course deviation, is never parted from the next one.
+
+    Args:
+        series: The driver's data.
+        group: Of every row (n_rows,).
+        config: The thresholds of `[segments]`.
+    """
+    begins = np.diff(series.stretch, prepend=-1) != 0
+    begins[1:] |= (group[1:] != group[:-1]) & np.isfinite(series.course_deviation[:-1])
+    stretch = np.cumsum(begins) - 1
+    segment, _ = segments_of(series.course_deviation, stretch, config)
+    return replace(series, stretch=stretch, segment=segment.astype(np.intp))
 
 
 def fit_path_types(series: Series, rows: Mask, config: Config) -> PathTypes:

@@ -395,7 +395,7 @@ class Segments(Section):
         "MP, no hysteresis",
     )
     minimum_duration: float = Field(
-        default=0.0, ge=0, description="s; shorter segments are merged with a neighbour. Default: none, as in MP"
+        default=0.5, ge=0, description="s; shorter segments are merged with a neighbour. 0: none are, as in MP"
     )
     clusters: Literal["bic"] | Annotated[int, Field(ge=1)] = "bic"
     maximum_clusters: int = Field(default=6, ge=1)

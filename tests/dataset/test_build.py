@@ -189,7 +189,8 @@ def test_events_are_proposed_and_what_they_cover_is_absent(project: Project) -> 
         assert entry["driven_s"] + sum(entry["excluded"].values()) == 2 * SAMPLES / 10
 
 
-def test_the_columns_say_what_the_design_says(project: Project) -> None:
+def test_the_columns_say_what_the_design_says(tmp_path: Path) -> None:
+    project = make_project(tmp_path, config=CONFIG + "[segments]\nminimum_duration = 0.0\n")
     entry = built(project)["anna"]
     found = rows(project)
     raw = synthetic_drive(4, START)
@@ -435,6 +436,21 @@ def decide(project: Project, kind: str, decision: Literal["emergency", "normal"]
         project.events_file,
         [replace(e, decision=decision, decided_by="Li") if e.kind == kind else e for e in events],
     )
+
+
+def test_short_segments_are_merged_and_bends_end_late_where_asked(tmp_path: Path) -> None:
+    counts = []
+    for number, keys in enumerate(
+        ("minimum_duration = 0.0", "minimum_duration = 0.0\nrelease = 0.02", "release = 0.02")
+    ):
+        project = make_project(tmp_path / str(number), config=f"{CONFIG}[segments]\n{keys}\n")
+        entry = built(project)["anna"]
+        found = rows(project)
+        counts.append(entry["segments"])
+        assert (np.bincount(found["segment"]).min() >= 5) == (number == 2)
+        between = (np.abs(found["course_deviation"]) > 0.02) & (np.abs(found["course_deviation"]) <= 0.05)
+        assert (set(found["path_side"][between]) == {"neutral"}) == (number == 0)
+    assert counts[1] > counts[2]
 
 
 def test_normal_comes_back_and_emergency_stays_out(project: Project) -> None:
@@ -684,7 +700,8 @@ def test_fewer_segments_fewer_clusters(tmp_path: Path) -> None:
         if driver == "anna":
             signals["course"][:] = signals["heading"][:] = 0.0
 
-    project = make_project(tmp_path / "bic", straight)
+    unmerged = CONFIG + "[segments]\nminimum_duration = 0.0\n"
+    project = make_project(tmp_path / "bic", straight, unmerged)
     entries = built(project)
     assert entries["anna"]["segments"] == 6
     assert entries["anna"]["bic"] == []
@@ -701,11 +718,11 @@ def test_fewer_segments_fewer_clusters(tmp_path: Path) -> None:
         if name == "tuesday":
             signals["course"][:] = 0.0
 
-    entry = built(make_project(tmp_path / "few", straight_tuesday))["anna"]
+    entry = built(make_project(tmp_path / "few", straight_tuesday, unmerged))["anna"]
     assert entry["segments"] in range(20, 60)
     assert [row["clusters"] for row in entry["bic"]] == list(range(1, entry["segments"] // 10 + 1))
 
-    project = make_project(tmp_path / "two", straight, CONFIG + "[segments]\nclusters = 2\n")
+    project = make_project(tmp_path / "two", straight, unmerged + "clusters = 2\n")
     outcomes, _ = build(project)
     outcome = outcomes["anna"]
     assert isinstance(outcome, Outcome)
@@ -723,9 +740,14 @@ def test_another_rate_keeps_the_meaning_of_neutral(tmp_path: Path) -> None:
     def twice_as_fast(_driver: str, _name: str, signals: dict[str, Floats]) -> None:
         signals["time"] = START + (signals["time"] - START) // 2
 
-    project = make_project(tmp_path, twice_as_fast, CONFIG + "[sync]\nrate = 20.0\n")
-    entry = built(project)["anna"]
-    assert entry["driven_s"] == 108.5
+    as_fast = CONFIG + "[sync]\nrate = 20.0\n"
+    segments = "[segments]\nminimum_duration = {}\n"
+    project = make_project(tmp_path / "merged", twice_as_fast, as_fast + segments.format(0.4))
+    assert built(project)["anna"]["driven_s"] == 108.5
+    found = rows(project)
+    assert np.bincount(found["segment"]).min() >= 8
+    project = make_project(tmp_path / "all", twice_as_fast, as_fast + segments.format(0.0))
+    built(project)
     found = rows(project)
     begins = np.diff(found["run"], prepend=-1) != 0
     is_neutral = np.abs(found["course_deviation"]) <= 0.025

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from wheelprint.dataset.folds import training_mask
 from wheelprint.dataset.segments import features
-from wheelprint.modeling.drivers import fit_path_types, label_rows, modelled_drivers, read_series
+from wheelprint.modeling.drivers import fit_path_types, label_rows, modelled_drivers, part, read_series
 from wheelprint.modeling.path_types import PathTypes
 from wheelprint.schemas.errors import InputError
 from wheelprint.schemas.project import Project
@@ -54,6 +56,52 @@ def test_path_types_learn_from_whole_segments_of_the_given_rows(project: Project
 
 
 TICK = 100_000_000
+
+
+def test_types_of_training_rows_know_nothing_of_test_rows(project: Project) -> None:
+    config = project.config.model_copy(
+        update={"segments": project.config.segments.model_copy(update={"minimum_duration": 0.3, "neutral": 0.2})}
+    )
+    series = read_series(project.directory, "王 小明", config)
+    embargo = round(config.dataset.embargo * 1e9)
+    rng = np.random.default_rng(0)
+    different = 0
+    for test_fold in range(config.dataset.folds):
+        test = series.fold == test_fold
+        training = training_mask(series.fold, series.recording, series.time, test_fold, embargo)
+        found = []
+        for another_drive in (False, True):
+            there = ~training & another_drive
+            first = np.isnan(series.course_deviation)
+            deviation = np.where(there & ~first, rng.normal(0, 0.3, len(test)), series.course_deviation)
+            driven = replace(
+                series, course_deviation=deviation, speed=np.where(there, rng.uniform(3, 30, len(test)), series.speed)
+            )
+            sides = part(driven, training + 2 * test, config)
+            types = fit_path_types(sides, training, config)
+            found.append((types.means, types.mixture.covariances_, label_rows(sides, types, config)))
+        np.testing.assert_array_equal(found[0][0], found[1][0])
+        np.testing.assert_array_equal(found[0][1], found[1][1])
+        inner = training & ~np.isnan(series.course_deviation)
+        np.testing.assert_array_equal(found[0][2][inner], found[1][2][inner])
+        different += np.count_nonzero(found[0][2] != found[1][2])
+    assert different > 0
+
+
+def test_parts_end_where_the_group_changes_and_nothing_else_changes(project: Project) -> None:
+    config = project.config
+    series = read_series(project.directory, "b.~", config)
+    group = series.time // TICK % 100 < 30
+    parted = part(series, group, config)
+    for segment in range(parted.segment.max() + 1):
+        own = parted.segment == segment
+        assert len({*parted.stretch[own].tolist()}) == 1
+        assert len({*group[own & np.isfinite(series.course_deviation)].tolist()}) == 1
+    begins = np.flatnonzero(np.diff(parted.stretch)) + 1
+    changes = (group[begins] != group[begins - 1]) | (series.stretch[begins] != series.stretch[begins - 1])
+    assert changes.all()
+    whole = part(series, np.zeros(len(group)), config)
+    np.testing.assert_array_equal(whole.stretch, series.stretch)
 
 
 def test_path_types_need_a_segment(project: Project) -> None:
