@@ -104,7 +104,7 @@ def _times(table: pa.Table) -> NDArray[np.int64]:
 
 
 def _ranges(values: Floats, edges: Sequence[float], way: Floats, period: float) -> list[dict[str, Any]]:
-    place = np.searchsorted(edges, values, side="right") - 1
+    place = np.maximum(np.searchsorted(edges, values, side="right") - 1, 0)
     place[np.isnan(values)] = len(edges)
     samples = np.bincount(place, minlength=len(edges) + 1)
     metres = np.bincount(place, weights=way, minlength=len(edges) + 1)

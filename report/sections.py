@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -16,6 +18,7 @@ from ..schemas.store import read_table
 from ..schemas.tables import LOOKAHEAD_COLUMNS, MOTION_PRIMITIVE_COLUMNS
 from . import figures, tables
 from .blocks import Block, Column, Facts, Figure, Gallery, Listing, Note, Section, Table
+from .data_cards import driving_table, folds_table, road_table
 from .drives import Drive, column, describe, readable
 from .predictions import predicted_stretch
 from .provenance import inputs_table, parameters_table, signals_table, versions_table
@@ -54,6 +57,7 @@ class Content:
             Section("recordings", "Recordings", self._recordings()),
             Section("alignment", "Time alignment", self._alignment()),
             Section("events", "Events", self._events()),
+            Section("dataset", "Dataset", self._dataset()),
             Section("maps", "Maps", self._maps()),
             Section("lookahead", "Lookahead", self._lookahead()),
             Section("clusters", "Clusters", self._clusters()),
@@ -208,6 +212,14 @@ class Content:
             blocks.append(tables.situations_table(self.manifest))
         return blocks
 
+    def _dataset(self) -> list[Block]:
+        documents = [
+            document for _, entry in entries(self.manifest, "dataset") for document in entry.get("documents", ())
+        ]
+        found = (self._guarded(_read_card, self.project.directory / document["path"]) for document in documents)
+        cards = [card for card in found if card is not None]
+        return [make(cards) for make in (driving_table, road_table, folds_table)] if cards else [NOTHING_BUILT]
+
     def _maps(self) -> list[Block]:
         shown = [drive.track for drive in self.drives if drive.track]
         if shown:
@@ -289,6 +301,14 @@ class Content:
 
 NOTHING_CONVERTED = Note("No recording was converted yet.", "wheelprint convert")
 NOTHING_BUILT = Note("The dataset was not built yet.", "wheelprint build")
+
+
+def _read_card(path: Path) -> dict[str, Any]:
+    try:
+        card: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(path, "", f"cannot be read ({error}); run `wheelprint build --force`") from None
+    return card
 
 
 def _events_table(events: list[Event], starts: Mapping[str, int]) -> Table:

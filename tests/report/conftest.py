@@ -10,9 +10,10 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from wheelprint.dataset.card import data_card
 from wheelprint.dataset.events import Event, write_events
 from wheelprint.schemas.project import Project
-from wheelprint.schemas.store import Manifest, describe_output, publish_json, publish_table
+from wheelprint.schemas.store import Manifest, describe_output, publish_json, publish_table, read_table
 from wheelprint.schemas.tables import DATASET, LOOKAHEAD_COLUMNS, MOTION_PRIMITIVE_COLUMNS, SYNCED
 
 HOSTILE = '<script>alert("x")<!--'
@@ -204,8 +205,14 @@ def _dataset_entry(project: Project, driver: str) -> dict[str, Any]:
         {"label": 2, "share": 0.42, "duration_s": 0.24, "average_course_deviation_deg": 0.008,
          "maximum_course_deviation_deg": 0.01, "average_speed_m_s": 13.975},
     ]  # fmt: skip
+    tables = {output["recording"]: read_table(project.directory / output["path"]) for output in outputs}
+    distances = dict.fromkeys(tables, 1360.0 / len(tables))
+    excluded, undecided = {"hard_braking": 30, "swerve": 20, "gap": 20}, {"swerve": 20}
+    card = project.data_card_file(driver)
+    publish_json(card, data_card(driver, tables, distances, excluded, undecided, clusters, {}, project.config))
     return {
-        "fingerprint": "x", "outputs": outputs, "clusters": clusters, "segments": 74,
+        "fingerprint": "x", "outputs": outputs, "documents": [describe_output(project.directory, card)],
+        "clusters": clusters, "segments": 74,
         "bic": [{"clusters": k, "bic": 900.0 - 150 * k + 30 * k * k} for k in range(1, 7)],
         "driven_s": 113.0, "distance_m": 1360.0,
         "excluded": {"hard_braking": 3.0, "swerve": 2.0, "gap": 2.0}, "undecided": {"swerve": 2.0},

@@ -18,8 +18,8 @@ from wheelprint.schemas.errors import InputError
 from wheelprint.schemas.project import Project
 
 SECTIONS = [
-    "summary", "recordings", "alignment", "events", "maps", "lookahead", "clusters", "errors", "prediction",
-    "provenance",
+    "summary", "recordings", "alignment", "events", "dataset", "maps", "lookahead", "clusters", "errors",
+    "prediction", "provenance",
 ]  # fmt: skip
 VOID = {"meta", "link", "br", "img", "input", "hr"}
 HOSTILE = '<script>alert("x")<!--'
@@ -174,8 +174,9 @@ def test_an_empty_project_says_which_command_makes_what_is_missing(bare_project:
     for section in ("summary", "recordings", "alignment", "maps", "provenance"):
         assert "No recording was converted yet. wheelprint convert makes it." in said[section], section
     assert said["events"] == "4 Events No events were proposed yet. wheelprint build makes it."
-    assert said["lookahead"] == "6 Lookahead The dataset was not built yet. wheelprint build makes it."
-    assert said["clusters"] == "7 Clusters The dataset was not built yet. wheelprint build makes it."
+    assert said["dataset"] == "5 Dataset The dataset was not built yet. wheelprint build makes it."
+    assert said["lookahead"] == "7 Lookahead The dataset was not built yet. wheelprint build makes it."
+    assert said["clusters"] == "8 Clusters The dataset was not built yet. wheelprint build makes it."
     assert said["errors"].count("wheelprint evaluate") == 2
     assert "wheelprint train" in said["prediction"]
     assert list(page.figures()) == []
@@ -186,6 +187,7 @@ def test_damaged_files_are_problems_on_the_page(project: Project, tmp_path: Path
     damaged = Project(tmp_path / "copy")
     damaged.synced_file(HOSTILE, "ring & road").write_bytes(b"PAR1 no more")
     damaged.events_file.write_text("recording\n", encoding="utf-8")
+    damaged.data_card_file(CHINESE).write_text("{", encoding="utf-8")
     (damaged.results_folder / "lookahead.csv").write_text("driver,model\n", encoding="utf-8")
     results = damaged.results_folder / "motion_primitives.csv"
     results.write_text(results.read_text(encoding="utf-8").replace("0.95", "high"), encoding="utf-8")
@@ -195,6 +197,8 @@ def test_damaged_files_are_problems_on_the_page(project: Project, tmp_path: Path
     summary = page.text["summary"]
     assert "not a whole Parquet file" in summary
     assert "events.csv, line 1: expected the columns" in summary
+    assert "_card.json" in summary
+    assert "wheelprint build --force" in summary
     assert "results/lookahead.csv, line 1: the columns components, regressors, fold, split, mean_error" in summary
     assert "coverage_95: expected a number, found 'high'" in summary
 

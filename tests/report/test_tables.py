@@ -124,7 +124,12 @@ def test_situations_add_up_to_the_dataset() -> None:
 
 def test_clusters_are_in_the_units_of_the_paper() -> None:
     table = cluster_table(MANIFEST)
-    assert rows(table) == [["anna", "1", "25.0", "8.29", "0.150", "0.450", "33.45"]]
+    assert rows(table) == [
+        ["anna", "1", "25.0", "8.29", "0.150", "0.450", "33.45"],
+        ["MP, Table I", "1", "–", "8.29", "0.150", "0.450", "33.45"],
+        ["MP, Table I", "2", "–", "0.24", "0.008", "0.010", "50.31"],
+        ["MP, Table I", "3", "–", "1.15", "0.024", "0.050", "54.69"],
+    ]
     assert [(c.title, c.unit) for c in table.columns[3:]] == [
         ("td", "s"), ("ave_cd", "°"), ("max_cd", "°"), ("ave_vel", "km/h"),
     ]  # fmt: skip
