@@ -33,8 +33,10 @@ speed = "MOTION.Speed"
 # clock = "estimate"            # or "trust", or the CAN clock's offset in s
 
 [dataset]
-# smoothing_window = 5
+# smoothing = "moving average"  # or "zero-phase", or "causal": knows nothing of the future
+# smoothing_window = 5          # samples
 # folds = 10
+# by = "block"                  # or "recording": folds of whole recordings
 """
 
 

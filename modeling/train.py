@@ -46,7 +46,7 @@ def plan_training(project: Project) -> tuple[list[Task], list[InputError]]:
         "period": config.sync.period,
         "models": config.models.model_dump(),
         "segments": config.segments.model_dump(),
-        "smoothing_window": config.dataset.smoothing_window,
+        "smoothing": [config.dataset.smoothing, config.dataset.smoothing_window],
         "maximum_spread": config.lookahead.maximum_spread,
         "clustering_seed": config.dataset.seed,
     }
@@ -124,12 +124,16 @@ def train_motion_primitives(project: Path, driver: str, files: Mapping[str, str]
         "clusters": describe_path_types(types),
         "limits": [
             "It needs the path and the speed of the following steps, as a planner knows them.",
-            f"Its signals were smoothed over {config.dataset.smoothing_window} samples, half of them later ones.",
+            f"Its signals were smoothed over {config.dataset.smoothing_window} samples, {_which(config)}.",
             "Beyond the angles, speeds and curvatures it was trained on it extrapolates linearly.",
             "Emergencies were left out of what it learnt.",
         ],
     }
     return _save(project, MODEL, driver, files, config, series, model.arrays(), card, Golden(golden, predicted))
+
+
+def _which(config: Config) -> str:
+    return "none of them later ones" if config.dataset.smoothing == "causal" else "half of them later ones"
 
 
 def train_general_lookahead(project: Path, driver: str, files: Mapping[str, str], config: Config) -> Outcome:
