@@ -84,7 +84,7 @@ def test_types_of_training_rows_know_nothing_of_test_rows(project: Project) -> N
         np.testing.assert_array_equal(found[0][1], found[1][1])
         inner = training & ~np.isnan(series.course_deviation)
         np.testing.assert_array_equal(found[0][2][inner], found[1][2][inner])
-        different += np.count_nonzero(found[0][2] != found[1][2])
+        different += int(np.count_nonzero(found[0][2] != found[1][2]))
     assert different > 0
 
 
