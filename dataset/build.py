@@ -12,7 +12,7 @@ import pyarrow as pa
 from .. import __version__
 from ..schemas.errors import InputError
 from ..schemas.project import Project
-from ..schemas.store import fingerprint, read_table
+from ..schemas.store import fingerprint, locked, read_table
 from ..schemas.tasks import Task
 from .detectors import propose_events
 from .driver_dataset import build_driver
@@ -62,9 +62,10 @@ def plan_build(project: Project, cluster: PathClustering) -> tuple[list[Task], l
         raise InputError(
             project.directory, "", f"no recording is converted; run `wheelprint convert` first ({reasons})"
         )
-    write_events(project.events_file, merge_proposals(existing, proposals, padding))
-    events = read_events(project.events_file)
-    situations = update_situations(project.situations_file, situations, config.situations.names)
+    with locked(project.directory):  # Decisions that were made meanwhile, in the browser, count.
+        write_events(project.events_file, merge_proposals(read_events(project.events_file), proposals, padding))
+        events = read_events(project.events_file)
+        situations = update_situations(project.situations_file, situations, config.situations.names)
     problems += _strays(project, project.events_file, events) + _strays(project, project.situations_file, situations)
     steering, doubts = calibrate(project, synced, steered)
     problems += doubts

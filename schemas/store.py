@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import json
 import os
@@ -44,6 +45,20 @@ def publish_text(path: Path, text: str) -> None:
 def publish_json(path: Path, content: Any) -> None:
     """Publish `content` as JSON: sorted keys, no NaN, the same content gives the same bytes."""
     publish_text(path, json.dumps(content, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Hold a folder against everybody else who asks for it in this way, at the longest until the process ends.
+
+    What is read, changed and written back within loses nothing that another process of Wheelprint writes.
+    """
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
 
 
 def parquet_writer(path: Path, schema: pa.Schema) -> pq.ParquetWriter:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import itertools
-import os
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar
 
+from ...schemas.store import locked
 from ..stretches import Stretch
 
 Row = TypeVar("Row", bound=Stretch)
@@ -161,14 +159,3 @@ def _overlap(one: Stretch, other: Stretch) -> float:
         return 0.0
     common = min(one.stop, other.stop) - max(one.start, other.start)
     return max(0.0, common / (max(one.stop, other.stop) - min(one.start, other.start)))
-
-
-@contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Hold a folder against everybody else who asks for it in this way, at the longest until the process ends."""
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(handle)

@@ -19,7 +19,9 @@ import pyarrow.parquet as pq
 import pytest
 from numpy.typing import NDArray
 
+from wheelprint.dataset import build as build_module
 from wheelprint.dataset.build import plan_build
+from wheelprint.dataset.detectors import propose_events
 from wheelprint.dataset.events import Event, read_events, write_events
 from wheelprint.dataset.folds import deal_folds
 from wheelprint.dataset.lookahead import lookahead_distance
@@ -465,6 +467,20 @@ def test_normal_comes_back_and_emergency_stays_out(project: Project) -> None:
 
     decide(project, "hard_braking", "emergency")
     assert built(project)["anna"]["excluded"] == {"gap": 2.0, "hard_braking": 7.0, "standstill": 10.0}
+
+
+def test_a_decision_made_while_the_build_plans_is_kept(project: Project, monkeypatch: pytest.MonkeyPatch) -> None:
+    built(project)
+
+    def decide_meanwhile(*arguments: Any) -> list[Event]:
+        decide(project, "hard_braking", "normal")
+        return propose_events(*arguments)
+
+    monkeypatch.setattr(build_module, "propose_events", decide_meanwhile)
+    built(project)
+    decided = [event.decision for event in read_events(project.events_file) if event.kind == "hard_braking"]
+    assert decided
+    assert set(decided) == {"normal"}
 
 
 def test_a_person_may_add_an_event(project: Project) -> None:
