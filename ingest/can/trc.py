@@ -191,7 +191,10 @@ def _parse_columns(columns: str) -> list[str]:
 
 
 def _parse_written_start(match: re.Match[bytes]) -> int:
-    """Return ns since 1970 of `Start time: 24.03.2003 12:52:32.484.5`, or of a date as ISO 8601; 0 if it is none."""
+    """Return ns since 1970 of `Start time: 24.03.2003 12:52:32.484.5`, or of a date as ISO 8601.
+
+    0 if it is no date, or none that 64-bit nanoseconds hold.
+    """
     day, month, year = match.group(1, 2, 3) if match[1] else match.group(6, 5, 4)
     try:
         seconds = datetime(
@@ -200,4 +203,5 @@ def _parse_written_start(match: re.Match[bytes]) -> int:
     except ValueError:
         return 0
     fraction = match[10].replace(b".", b"")[:9].ljust(9, b"0")
-    return (seconds.days * 86_400 + seconds.seconds) * 10**9 + int(fraction)
+    start = (seconds.days * 86_400 + seconds.seconds) * 10**9 + int(fraction)
+    return start if abs(start) < _LATEST else 0
