@@ -57,8 +57,9 @@ class ExportedRegression:
 def export_models(project: Project, folder: Path, driver: str | None, form: Form) -> Iterator[Path]:
     """Export the trained models, a file for each regression and a card for each model.
 
-    `onnx` writes `<model>.<driver>[.<regression>].float64.onnx` and `….float32.onnx`, `c` the same with `.h`; the card
-    is `<model>.<driver>.<form>.json`: the model's own card, what each input is, the files, and golden vectors that a
+    `onnx` writes `<model>.<driver>[.<regression>].float64.onnx` and `….float32.onnx`, and the same with the covariance
+    as one more output, `….covariance.float64.onnx` and `….covariance.float32.onnx`; `c` writes `….h`. The card is
+    `<model>.<driver>.<form>.json`: the model's own card, what each input is, the files, and golden vectors that a
     program can be checked by.
 
     Args:
@@ -161,10 +162,11 @@ def _contents(
         return {f"{stem}.h": header.encode()}
     facts = {"title": card["title"], "regression": one.name or EVERYTHING, "outputs": outputs, "driver": card["driver"]}
     return {
-        f"{stem}.{precision}.onnx": onnx_model(one.plain, identifier, precision, facts).SerializeToString(
-            deterministic=True
-        )
+        f"{stem}{'.covariance' if covariance else ''}.{precision}.onnx": onnx_model(
+            one.plain, identifier, precision, facts, covariance=covariance
+        ).SerializeToString(deterministic=True)
         for precision in PRECISIONS
+        for covariance in (False, True)
     }
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..lookahead_models import SPEED
-from .plain_regression import PlainRegression
+from .plain_regression import PlainRegression, SpeedClasses
 
 Precision = Literal["float64", "float32"]
 
@@ -17,21 +17,22 @@ OPSET = 17
 IR_VERSION = 8
 """The oldest that has this opset: runtimes of 2022 and later read it."""
 
-OUTPUTS = ("mean", "sd", "covariance", "domain_score")
 
-
-def onnx_model(plain: PlainRegression, name: str, precision: Precision, metadata: Mapping[str, str]) -> Any:
+def onnx_model(
+    plain: PlainRegression, name: str, precision: Precision, metadata: Mapping[str, str], *, covariance: bool
+) -> Any:
     """Return the graph of a regression, checked.
 
-    Its input is `inputs` (rows, n); its outputs are `mean` and `sd` (rows, m), `covariance` (rows, m, m) and
-    `domain_score` (rows,), of the formulas of `PlainRegression`. All components' whitening and regression matrices
-    stand in one matrix: a row is predicted by one product with it, and what is left is small.
+    Its input is `inputs` (rows, n); its outputs are `mean` and `sd` (rows, m), `domain_score` (rows,) and, where it is
+    asked for, `covariance` (rows, m, m), of the formulas of `PlainRegression`. All components' whitening and regression
+    matrices stand in one matrix: a row is predicted by one product with it, and what is left is small.
 
     Args:
         plain: The regression.
         name: Of the graph.
         precision: Of inputs, outputs and everything between.
         metadata: Facts that a viewer of the file shows.
+        covariance: Whether the covariance is an output: runtimes compute every output, also those not asked for.
 
     Returns:
         An `onnx.ModelProto`.
@@ -42,15 +43,17 @@ def onnx_model(plain: PlainRegression, name: str, precision: Precision, metadata
     from onnx import TensorProto, checker, helper
 
     graph = _Graph(np.dtype(precision))
-    _add_formulas(graph, plain)
+    _add_formulas(graph, plain, covariance=covariance)
     kind = {"float64": TensorProto.DOUBLE, "float32": TensorProto.FLOAT}[precision]
     m = plain.outputs
-    shapes = {"mean": ["rows", m], "sd": ["rows", m], "covariance": ["rows", m, m], "domain_score": ["rows"]}
+    shapes: dict[str, list[str | int]] = {"mean": ["rows", m], "sd": ["rows", m], "domain_score": ["rows"]}
+    if covariance:
+        shapes["covariance"] = ["rows", m, m]
     proto = helper.make_graph(
         graph.nodes,
         name,
         [helper.make_tensor_value_info("inputs", kind, ["rows", plain.inputs])],
-        [helper.make_tensor_value_info(output, kind, shapes[output]) for output in OUTPUTS],
+        [helper.make_tensor_value_info(output, kind, shape) for output, shape in shapes.items()],
         graph.initializers,
     )
     model = helper.make_model(
@@ -65,14 +68,14 @@ class _Graph:
     """Gathers the nodes and constants of a graph."""
 
     def __init__(self, dtype: np.dtype[Any]) -> None:
-        self._dtype = dtype
+        self.dtype = dtype
         self.nodes: list[Any] = []
         self.initializers: list[Any] = []
 
     def constant(self, name: str, values: npt.ArrayLike, dtype: npt.DTypeLike = None) -> str:
         from onnx import numpy_helper
 
-        array = np.ascontiguousarray(np.asarray(values, dtype=dtype or self._dtype))
+        array = np.ascontiguousarray(np.asarray(values, dtype=dtype or self.dtype))
         self.initializers.append(numpy_helper.from_array(array, name))
         return name
 
@@ -83,59 +86,63 @@ class _Graph:
         return outputs[0]
 
 
-def _add_formulas(graph: _Graph, plain: PlainRegression) -> None:
-    """Write the formulas of `PlainRegression`; shapes below are of `rows` rows."""
+def _add_formulas(graph: _Graph, plain: PlainRegression, *, covariance: bool) -> None:
+    """Write the formulas of `PlainRegression`; shapes below are of `rows` rows.
+
+    Whitening is divided by √2, so that its squares are ½ |z_k|², and a row of responsibilities stays a matrix of one
+    row: each operator costs a microsecond before it computes anything.
+    """
     k, n, m = plain.components, plain.inputs, plain.outputs
     add, constant = graph.add, graph.constant
     add("Sub", ["inputs", constant("origin", plain.origin)], "centred")  # (rows, n)
-    every = np.concatenate([plain.whitening.reshape(k * n, n), plain.matrices.reshape(k * m, n)])
-    shift = np.concatenate([plain.shifts.ravel(), plain.offsets.ravel()])
-    add("MatMul", ["centred", constant("matrices", every.T)], "product")
-    add("Add", ["product", constant("shifts", shift)], "shifted")  # (rows, k (n + m))
-    constant("parts", [k * n, k * m], np.int64)
-    add("Split", ["shifted", "parts"], "whitened_flat", "means_flat", axis=1)
-    add("Reshape", ["whitened_flat", constant("whitened_shape", [-1, k, n], np.int64)], "whitened")
-    add("Reshape", ["means_flat", constant("means_shape", [-1, k, m], np.int64)], "means")
-    add("ReduceSumSquare", ["whitened"], "distance", axes=[2], keepdims=0)  # (rows, k)
-    add("Mul", ["distance", constant("minus_half", -0.5)], "exponent")
-    add("Add", ["exponent", constant("log_constants", plain.constants)], "of_all")
-    joint = "of_all" if plain.classes is None else _add_classes(graph, plain)
+    every = np.concatenate([plain.whitening / np.sqrt(2.0), plain.matrices], axis=1)  # (k, n + m, n)
+    shift = np.concatenate([plain.shifts / np.sqrt(2.0), plain.offsets], axis=1)
+    if graph.dtype == np.float64:
+        # Measured with onnxruntime: it would copy a matrix of float64 to multiply by it from the right.
+        matrices = constant("matrices", every.reshape(-1, n))
+        add("Gemm", [matrices, "centred", constant("shifts", shift.reshape(-1, 1))], "columns", transB=1)
+        add("Transpose", ["columns"], "product", perm=[1, 0])
+    else:
+        matrices = constant("matrices", every.reshape(-1, n).T)
+        add("Gemm", ["centred", matrices, constant("shifts", shift.ravel())], "product")
+    add("Reshape", ["product", constant("by_component", [-1, k, n + m], np.int64)], "shifted")
+    add("Split", ["shifted", constant("parts", [n, m], np.int64)], "whitened", "means", axis=2)
+    add("ReduceSumSquare", ["whitened"], "half_distance", axes=[2], keepdims=0)  # (rows, k)
+    joint = add("Sub", [constant("log_constants", plain.constants), "half_distance"], "of_all")
+    if plain.classes is not None:
+        joint = _add_classes(graph, plain.classes)
     add("ReduceLogSumExp", [joint], "domain_score", axes=[1], keepdims=0)
     if plain.faithful:
         joint = add("Sub", [joint, constant("log_weights", plain.log_weights)], "log_densities")
     add("Softmax", [joint], "responsibilities", axis=1)
-    add("Unsqueeze", ["responsibilities", constant("one", [1], np.int64)], "row")  # (rows, 1, k)
-    add("MatMul", ["row", "means"], "mean_row")  # (rows, 1, m)
-    add("Squeeze", ["mean_row", "one"], "mean")
-    mixing = "responsibilities"
-    if plain.faithful:
-        mixing = add("Mul", ["responsibilities", "responsibilities"], "squared")
-    variances = np.diagonal(plain.covariances, axis1=1, axis2=2)
-    within = add("MatMul", [mixing, constant("variances", variances)], "variance_within")
-    # Symmetric matrices that would be gathered from triangles cost more than whole ones.
-    spread = add("MatMul", [mixing, constant("covariances", plain.covariances.reshape(k, m * m))], "covariance_flat")
-    shape = constant("covariance_shape", [-1, m, m], np.int64)
-    if plain.faithful:
-        add("Sqrt", [within], "sd")
-        add("Reshape", [spread, shape], "covariance")
+    one = constant("one", [1], np.int64)
+    row = add("Unsqueeze", ["responsibilities", one], "row")  # (rows, 1, k)
+    add("MatMul", [row, "means"], "mean_row")  # (rows, 1, m)
+    add("Squeeze", ["mean_row", one], "mean")
+    mixing = add("Mul", ["responsibilities"] * 2, "squared") if plain.faithful else "responsibilities"
+    variances = constant("variances", np.diagonal(plain.covariances, axis1=1, axis2=2))
+    variance = add("MatMul", [mixing, variances], "variance_within")
+    if not plain.faithful:
+        add("Sub", ["means", "mean_row"], "offset")  # (rows, k, m)
+        add("Mul", ["offset", "offset"], "offset_squared")
+        add("MatMul", [row, "offset_squared"], "variance_between_row")
+        add("Squeeze", ["variance_between_row", one], "variance_between")
+        variance = add("Add", [variance, "variance_between"], "variance")
+    add("Sqrt", [variance], "sd")
+    if not covariance:
         return
-    add("Sub", ["means", "mean_row"], "offset")  # (rows, k, m)
-    add("Mul", ["offset", "offset"], "offset_squared")
-    add("MatMul", ["row", "offset_squared"], "variance_between_row")
-    add("Squeeze", ["variance_between_row", "one"], "variance_between")
-    add("Add", [within, "variance_between"], "variance")
-    add("Sqrt", ["variance"], "sd")
-    add("Reshape", [spread, shape], "covariance_within")
-    add("Transpose", ["offset"], "offset_columns", perm=[0, 2, 1])  # (rows, m, k)
-    add("Mul", ["offset_columns", "row"], "offset_weighted")
-    add("MatMul", ["offset_weighted", "offset"], "covariance_between")
-    add("Add", ["covariance_within", "covariance_between"], "covariance")
+    add("MatMul", [mixing, constant("covariances", plain.covariances.reshape(k, m * m))], "covariance_flat")
+    within = "covariance" if plain.faithful else "covariance_within"
+    add("Reshape", ["covariance_flat", constant("square", [-1, m, m], np.int64)], within)
+    if not plain.faithful:
+        add("Transpose", ["offset"], "offset_columns", perm=[0, 2, 1])  # (rows, m, k)
+        add("Mul", ["offset_columns", row], "offset_weighted")
+        add("MatMul", ["offset_weighted", "offset"], "covariance_between")
+        add("Add", [within, "covariance_between"], "covariance")
 
 
-def _add_classes(graph: _Graph, plain: PlainRegression) -> str:
+def _add_classes(graph: _Graph, classes: SpeedClasses) -> str:
     """Write the choice of the class of speed: the components of all others get −∞."""
-    classes = plain.classes
-    assert classes is not None  # noqa: S101 - the caller's condition
     add, constant = graph.add, graph.constant
     add("Gather", ["inputs", constant("speed_column", [SPEED], np.int64)], "speed", axis=1)  # (rows, 1)
     a, b, q = classes.polynomials.T
