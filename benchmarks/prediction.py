@@ -98,19 +98,22 @@ def windows(minutes: float) -> tuple[Floats, Floats]:
 
 
 def between_components(regression: MixtureRegression, rows: int) -> Floats:
-    """Return inputs that all components explain about equally: the minimum of their squared log ratios, found from
-    several starts by least squares.
-    """
-    from scipy.optimize import least_squares
-
-    marginal = regression.mixture_.marginal(range(regression.n_features_in_))
-    generator = np.random.default_rng(0)
-
-    def misfit(x: Floats) -> Floats:
-        joint = marginal.log_joint(x[None])[0]
-        return joint - joint.mean()
-
-    found = [least_squares(misfit, start, max_nfev=12).x for start in generator.choice(marginal.means_, rows)]
+    """Return inputs that all components explain about equally: found from their means by Gauss-Newton steps."""
+    mixture = regression.mixture_.marginal(range(regression.n_features_in_))
+    precisions = np.linalg.inv(mixture.covariances_)
+    found = []
+    for start in np.random.default_rng(0).dirichlet(np.ones(len(mixture.weights_)), rows) @ mixture.means_:
+        x, joint = start, mixture.log_joint(start[None])[0]
+        for _ in range(50):
+            slopes = -np.einsum("kij,kj->ki", precisions, x - mixture.means_)
+            move = np.linalg.lstsq(slopes - slopes.mean(axis=0), joint.mean() - joint, rcond=None)[0]
+            for _ in range(20):  # shorter until it is better
+                moved = mixture.log_joint((x + move)[None])[0]
+                if np.ptp(moved) < np.ptp(joint):
+                    x, joint = x + move, moved
+                    break
+                move = move / 2
+        found.append(x)
     return np.array(found)
 
 

@@ -15,8 +15,8 @@ from .plain_regression import PlainRegression
 BLOCK = 16
 """Rows of a matrix that are computed together: their sums stay in registers, and compilers make vectors of them."""
 
-NEGLIGIBLE = 50.0
-"""nats; a component that much less likely than the best one has a responsibility below 2e-22: nothing of it is left
+NEGLIGIBLE = 40.0
+"""nats; a component that much less likely than the best one has a responsibility below 5e-18: nothing of it is left
 in the sums, and neither the rest of its density nor its regression is computed."""
 
 
@@ -39,24 +39,24 @@ def c_header(plain: PlainRegression, name: str, title: Sequence[str], inputs: Se
     """
     k, n, m = plain.components, plain.inputs, plain.outputs
     rows_in, rows_out = -(-n // BLOCK) * BLOCK, -(-m // BLOCK) * BLOCK
-    order = np.argsort(-plain.log_weights, kind="stable")
-    triangle = np.array([_blocks(plain.whitening[one], triangular=True) for one in order])
-    matrices = np.array([_blocks(plain.matrices[one], triangular=False) for one in order])
+    triangle = np.array([_blocks(matrix, triangular=True) for matrix in plain.whitening])
+    matrices = np.array([_blocks(matrix, triangular=False) for matrix in plain.matrices[:, :, plain.order]])
     arrays = {
-        "origin": plain.origin,
-        "constants": plain.constants[order],
-        "shifts": _padded(plain.shifts[order], rows_in),
+        "order": plain.order,
+        "origin": plain.origin[plain.order],
+        "constants": plain.constants,
+        "shifts": _padded(plain.shifts, rows_in),
         "whitening": triangle,
-        "offsets": _padded(plain.offsets[order], rows_out),
+        "offsets": _padded(plain.offsets, rows_out),
         "matrices": matrices,
-        "variances": np.diagonal(plain.covariances, axis1=1, axis2=2)[order],
+        "variances": np.diagonal(plain.covariances, axis1=1, axis2=2),
     }
     if plain.faithful:
-        arrays["log_weights"] = plain.log_weights[order]
+        arrays["log_weights"] = plain.log_weights
     classes = ""
     if plain.classes is not None:
         arrays["class_polynomials"] = plain.classes.polynomials
-        arrays["component_classes"] = plain.classes.of_component[order]
+        arrays["component_classes"] = plain.classes.of_component
         classes = CLASS_OF
     facts = [*title, "", *(f"inputs[{place}]  {line}" for place, line in enumerate(inputs)), "", outputs]
     text = TEMPLATE
@@ -78,7 +78,7 @@ def c_header(plain: PlainRegression, name: str, title: Sequence[str], inputs: Se
         "BLOCK": str(BLOCK),
         "ROWS_IN": str(rows_in),
         "ROWS_OUT": str(rows_out),
-        "GUARD": f"WHEELPRINT_{name.upper()}_H",
+        "GUARD": f"WHEELPRINT_{name}_H",
         "NAME": name,
         "N": str(n),
         "M": str(m),
@@ -217,7 +217,7 @@ static inline double wheelprint_@NAME@_densities(const double *inputs, double *c
     double best = -HUGE_VAL, sum = 0.0;
     int done[@K@]; /* rows of the whitened inputs */
 @CLASS_AT_HAND@    for (int j = 0; j < @N@; j++) {
-        centred[j] = inputs[j] - wheelprint_@NAME@_origin[j];
+        centred[j] = inputs[wheelprint_@NAME@_order[j]] - wheelprint_@NAME@_origin[j];
     }
     for (int k = 0; k < @K@; k++) {
         joint[k] = wheelprint_@NAME@_constants[k];

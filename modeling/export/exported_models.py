@@ -90,7 +90,7 @@ def export_models(project: Project, folder: Path, driver: str | None, form: Form
         files = {}
         for one in regressions:
             place = f"{stem}.{one.name}" if one.name else stem
-            identifier = "_".join([kind, c_identifier(whose), *one.name.split("-")]).rstrip("_")
+            identifier = "_".join([kind, c_identifier(whose), *filter(None, one.name.split("-"))])
             content = _contents(one, card, identifier, place, channels, form)
             files[one.name or EVERYTHING] = list(content)
             for file, data in content.items():

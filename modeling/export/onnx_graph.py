@@ -95,7 +95,8 @@ def _add_formulas(graph: _Graph, plain: PlainRegression, *, covariance: bool) ->
     k, n, m = plain.components, plain.inputs, plain.outputs
     add, constant = graph.add, graph.constant
     add("Sub", ["inputs", constant("origin", plain.origin)], "centred")  # (rows, n)
-    every = np.concatenate([plain.whitening / np.sqrt(2.0), plain.matrices], axis=1)  # (k, n + m, n)
+    whitening = plain.whitening[:, :, np.argsort(plain.order)] / np.sqrt(2.0)
+    every = np.concatenate([whitening, plain.matrices], axis=1)  # (k, n + m, n)
     shift = np.concatenate([plain.shifts / np.sqrt(2.0), plain.offsets], axis=1)
     if graph.dtype == np.float64:
         # Measured with onnxruntime: it would copy a matrix of float64 to multiply by it from the right.

@@ -35,7 +35,7 @@ class PlainRegression:
 
     For an input x, with d = x − origin:
 
-        z_k = W_k d + s_k                      W_k = L_k⁻¹, lower triangular; Σ_xx = L_k L_kᵀ of component k
+        z_k = W_k d[order] + s_k               W_k = L_k⁻¹, lower triangular; Σ_xx = L_k L_kᵀ of component k
         j_k = c_k − ½ |z_k|²                   log of weight times density of x
         domain score = log Σ exp j_k           log density of the inputs, nats
         β_k = exp(j_k − domain score)          posterior responsibilities
@@ -48,6 +48,7 @@ class PlainRegression:
     With classes of speed only the components of the class at hand take part; the others count as j_k = −∞.
 
     Attributes:
+        order: In which the inputs are whitened (n,): those first that tell components apart.
         origin: About the middle of the inputs (n,): numbers stay small where a program computes in float32.
         whitening: W (k, n, n).
         shifts: s (k, n).
@@ -60,6 +61,7 @@ class PlainRegression:
         classes: See above.
     """
 
+    order: Rows
     origin: FloatArray
     whitening: FloatArray
     shifts: FloatArray
@@ -86,10 +88,12 @@ class PlainRegression:
         n = regressions[0].n_features_in_
         inputs, outputs = np.split(means, [n], axis=1)
         origin = np.average(inputs, axis=0, weights=weights)
-        whitening = np.tril(np.linalg.inv(np.linalg.cholesky(covariances[:, :n, :n])))
-        shifts = np.einsum("kij,kj->ki", whitening, origin - inputs)
+        order = _telling_first(covariances[:, :n, :n])
+        whitening = np.tril(np.linalg.inv(np.linalg.cholesky(covariances[:, order[:, None], order])))
+        shifts = np.einsum("kij,kj->ki", whitening, (origin - inputs)[:, order])
         log_determinants = -np.log(np.diagonal(whitening, axis1=1, axis2=2)).sum(axis=1)
         return cls(
+            order=order,
             origin=origin,
             whitening=whitening,
             shifts=shifts,
@@ -144,6 +148,28 @@ def domain_score(model: MixtureRegression | VelocityLookahead, inputs: FloatArra
         own = own_class == number
         score[own] = model.regressions[number].domain_score(rows[own])
     return score
+
+
+def _telling_first(covariances: FloatArray) -> Rows:
+    """Return the inputs in an order in which a few of them nearly say how probable each component is.
+
+    One after the other that input is taken whose variances, given those taken before, differ most among the
+    components: log of their mean above the mean of their logs.
+
+    Args:
+        covariances: Of the inputs (k, n, n).
+    """
+    left = covariances.copy()
+    order: list[int] = []
+    remaining = np.arange(covariances.shape[1])
+    while len(remaining):
+        variances = np.maximum(np.diagonal(left, axis1=1, axis2=2)[:, remaining], np.finfo(np.float64).tiny)
+        differs = np.log(variances.mean(axis=0)) - np.log(variances).mean(axis=0)
+        best = int(remaining[np.argmax(np.round(differs, 9))])
+        order.append(best)
+        remaining = remaining[remaining != best]
+        left -= left[:, :, [best]] * left[:, [best], :] / left[:, [best]][:, :, [best]]
+    return np.array(order, dtype=np.intp)
 
 
 def _speed_classes(regressions: Sequence[MixtureRegression], classes: GaussianMixture) -> SpeedClasses:
