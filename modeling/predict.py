@@ -76,8 +76,14 @@ class SteeringModel:
         """Return the model that `arrays` was taken from."""
         mixture = GaussianMixture.from_parameters(*(arrays[f"types/{n}"] for n in ("weights", "means", "covariances")))
         types = PathTypes(mixture, arrays["types/features"], bool(arrays["types/logarithms"]), ())
-        steps = (int(arrays[name]) for name in ("past_steps", "future_steps", "period"))
-        return cls(MotionPrimitives.from_arrays(arrays), types, *steps, neutral=float(arrays["neutral"]))
+        return cls(
+            MotionPrimitives.from_arrays(arrays),
+            types,
+            past_steps=int(arrays["past_steps"]),
+            future_steps=int(arrays["future_steps"]),
+            period=int(arrays["period"]),
+            neutral=float(arrays["neutral"]),
+        )
 
 
 def load_steering_model(project: Project, driver: str) -> SteeringModel:
@@ -99,8 +105,8 @@ def predict_steering(project: Project, model: SteeringModel, driver: str, record
 
     The path up to n₃ steps ahead is taken from the recording, as a planner would give it; of the steering only what
     the driver had done by then. Types of path are what is known by then, too (`path_ahead`), so that `Predictor` gives
-    the same numbers sample by sample. A recording that the model was trained on is predicted better than a new one would be:
-    the evaluation says how well that is.
+    the same numbers sample by sample. A recording that the model was trained on is predicted better than a new one
+    would be: the evaluation says how well that is.
 
     Args:
         project: Its dataset holds the recording.
@@ -111,7 +117,8 @@ def predict_steering(project: Project, model: SteeringModel, driver: str, record
     Returns:
         One row for each predicted window: `time` (t), `steering_wheel_angle` (what the driver did at t),
         `path_type`, `regression` (the motion primitive that predicts, see `MotionPrimitives.model_of`), and as lists
-        of n₃ values for t + 1 … t + n₃ `mean` and `sd`; `domain_score` (see `MotionPrimitives.domain_score`). Empty where no window is whole.
+        of n₃ values for t + 1 … t + n₃ `mean` and `sd`; `domain_score` (see `MotionPrimitives.domain_score`). Empty
+        where no window is whole.
 
     Raises:
         InputError: The dataset lacks the recording, or has another sampling period than the model.

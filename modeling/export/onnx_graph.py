@@ -72,7 +72,7 @@ class _Graph:
         self.nodes: list[Any] = []
         self.initializers: list[Any] = []
 
-    def constant(self, name: str, values: npt.ArrayLike, dtype: npt.DTypeLike = None) -> str:
+    def constant(self, name: str, values: npt.ArrayLike, dtype: npt.DTypeLike | None = None) -> str:
         from onnx import numpy_helper
 
         array = np.ascontiguousarray(np.asarray(values, dtype=dtype or self.dtype))

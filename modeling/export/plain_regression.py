@@ -9,10 +9,10 @@ from typing import Self
 
 import numpy as np
 
-from ..estimator import FloatArray
+from ..estimator import FloatArray, as_rows
 from ..lookahead_models import SPEED, VelocityLookahead
 from ..mixture import GaussianMixture
-from ..regression import MixtureRegression, as_rows
+from ..regression import MixtureRegression
 from ..windows import Rows
 
 
@@ -119,7 +119,7 @@ class PlainRegression:
     @property
     def outputs(self) -> int:
         """Number m of outputs."""
-        return self.offsets.shape[1]
+        return int(self.offsets.shape[1])
 
 
 def domain_score(model: MixtureRegression | VelocityLookahead, inputs: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Exports give the numbers of Python: ONNX in onnxruntime, C in a compiled program, on the golden vectors and beyond."""
+"""Exports give the numbers of Python: ONNX in onnxruntime, C compiled C, on the golden vectors and beyond."""
 
 from __future__ import annotations
 
