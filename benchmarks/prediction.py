@@ -30,7 +30,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from wheelprint.dataset.path import course_deviation
-from wheelprint.dataset.smoothing import moving_average
+from wheelprint.dataset.smoothing import smooth
 from wheelprint.modeling.drivers import one_thread
 from wheelprint.modeling.export.c_header import NEGLIGIBLE, c_header
 from wheelprint.modeling.export.onnx_graph import Precision, onnx_model
@@ -87,11 +87,11 @@ def windows(minutes: float) -> tuple[Floats, Floats]:
     noise = np.random.default_rng(0)
 
     def measured(name: str, sd: float) -> Floats:
-        values = truth[name].cast(pa.float64()).to_numpy()[at]
-        return moving_average(values + noise.normal(0.0, sd, len(values)), run, 5)
+        values: Floats = truth[name].cast(pa.float64()).to_numpy()[at]
+        return smooth(values + noise.normal(0.0, sd, len(values)), run, 5)
 
     course = np.rad2deg(np.unwrap(np.deg2rad(truth["course"].to_numpy()[at] + noise.normal(0.0, 0.02, len(run)))))
-    deviation = course_deviation(moving_average(course, run, 5), run)
+    deviation = course_deviation(smooth(course, run, 5), run)
     speed, steering = measured("speed", 0.02), measured("steering_wheel_angle", 0.3)
     centres = np.arange(PAST_STEPS + 1, len(run) - FUTURE_STEPS)[:, None]
     path = centres + np.arange(-PAST_STEPS, FUTURE_STEPS + 1)

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from ..dataset.segments import Division
 from ..schemas.errors import InputError
 from ..schemas.project import Project
 from ..schemas.tables import TIME, field
@@ -34,7 +35,7 @@ class SteeringModel:
         past_steps: n₂.
         future_steps: n₃.
         period: ns of a step.
-        neutral: deg per sample; a path with a smaller course deviation is neither left nor right.
+        division: How a path is divided into segments.
     """
 
     primitives: MotionPrimitives
@@ -42,7 +43,7 @@ class SteeringModel:
     past_steps: int
     future_steps: int
     period: int
-    neutral: float
+    division: Division
 
     def windows(self, series: Series, allowed: Mask) -> Windows:
         """Return the windows that can be predicted, entirely within the allowed rows (n_rows,)."""
@@ -63,7 +64,7 @@ class SteeringModel:
             "past_steps": np.array(self.past_steps),
             "future_steps": np.array(self.future_steps),
             "period": np.array(self.period),
-            "neutral": np.array(self.neutral),
+            "division": np.array(self.division),
             "types/weights": mixture.weights_,
             "types/means": mixture.means_,
             "types/covariances": mixture.covariances_,
@@ -76,13 +77,14 @@ class SteeringModel:
         """Return the model that `arrays` was taken from."""
         mixture = GaussianMixture.from_parameters(*(arrays[f"types/{n}"] for n in ("weights", "means", "covariances")))
         types = PathTypes(mixture, arrays["types/features"], bool(arrays["types/logarithms"]), ())
+        neutral, release, shortest = arrays["division"]
         return cls(
             MotionPrimitives.from_arrays(arrays),
             types,
             past_steps=int(arrays["past_steps"]),
             future_steps=int(arrays["future_steps"]),
             period=int(arrays["period"]),
-            neutral=float(arrays["neutral"]),
+            division=Division(float(neutral), float(release), int(shortest)),
         )
 
 
@@ -135,7 +137,7 @@ def predict_steering(project: Project, model: SteeringModel, driver: str, record
         reason = f"driver {driver!r} has no recording {recording!r} in the dataset; there are {known}"
         raise InputError(project.directory / "dataset", "", reason)
     windows = model.windows(series, allowed)
-    path_type = label_windows(series, windows.centres, model.future_steps, model.types, model.neutral, model.period)
+    path_type = label_windows(series, windows.centres, model.future_steps, model.types, model.division, model.period)
     mean, sd = model.predict(windows.inputs, path_type)
     score = model.primitives.domain_score(windows.inputs, path_type)
     names, which = np.unique(path_type, return_inverse=True)

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..schemas.project import Project
-from .path_ahead import PathSoFar
+from .path_ahead import HISTORY, label_present
 from .predict import SteeringModel, load_steering_model
 from .windows import Floats
 
@@ -68,7 +68,7 @@ class Prediction:
 class Predictor:
     """Predicts a driver's steering sample by sample; the same numbers as `predict.predict_steering`.
 
-    It keeps n₂ past samples and two path segments, however long it drives. The path ahead comes with each step, or
+    It keeps the last minute of samples, however long it drives. The path ahead comes with each step, or
     from a plan. Nothing reaches across a gap: a sample that does not follow one period after the last one begins anew,
     and so does one without a course deviation.
 
@@ -84,9 +84,8 @@ class Predictor:
 
     def __init__(self, model: SteeringModel) -> None:
         self.model = model
-        self._past: deque[Sample] = deque(maxlen=max(model.past_steps, 0) + 1)
+        self._past: deque[Sample] = deque(maxlen=max(HISTORY // model.period, model.past_steps) + 1)
         self._plan: tuple[int, Floats] | None = None
-        self.reset()
 
     @classmethod
     def load(cls, project: str | Path, driver: str) -> Self:
@@ -104,7 +103,6 @@ class Predictor:
     def reset(self) -> None:
         """Forget what was driven, as after a gap; a plan stays."""
         self._past.clear()
-        self._path = PathSoFar(self.model.types, self.model.neutral, self.model.period)
 
     def plan(self, start: int, path: PathAhead) -> None:
         """Take a planned path for the steps to come, in place of an earlier one.
@@ -136,17 +134,24 @@ class Predictor:
         if not follows or not np.isfinite(sample.course_deviation):
             self.reset()
         self._past.append(sample)
-        self._path.add(sample.course_deviation, sample.speed)
         path = self._planned(sample.time) if ahead is None else self._two_rows(ahead)[:, : model.future_steps]
         if ahead is not None and (path.shape[1] < model.future_steps or not np.isfinite(path).all()):
             raise ValueError(f"the path ahead must have {model.future_steps} steps and no missing values")
-        past = np.array([one[1:] for one in self._past])
-        if path.shape[1] < model.future_steps or len(past) <= max(model.past_steps, 0) or not np.isfinite(past).all():
+        past = np.array(self._past)[:, 1:]
+        window = past[-max(model.past_steps, 0) - 1 :]
+        if path.shape[1] < model.future_steps or len(past) <= max(model.past_steps, 0) or not np.isfinite(window).all():
             return None
         deviation, speed = path
-        seen = past[len(past) - 1 - model.past_steps :, 2]
-        inputs = np.concatenate([past[:, 0], deviation, past[:, 1], speed, seen])[None]
-        path_type = self._path.path_type(deviation, speed)
+        seen = window[len(window) - 1 - model.past_steps :, 2]
+        inputs = np.concatenate([window[:, 0], deviation, window[:, 1], speed, seen])[None]
+        path_type = label_present(
+            np.append(past[:, 0], deviation),
+            np.append(past[:, 1], speed),
+            len(past) - 1,
+            model.types,
+            model.division,
+            model.period,
+        )
         mean, sd = model.predict(inputs, np.array([path_type]))
         regression = model.primitives.model_of(path_type)
         score = model.primitives.regressions[regression].domain_score(inputs)

@@ -24,7 +24,7 @@ Arrays = Mapping[str, npt.NDArray[Any]]
 Model = TypeVar("Model")
 
 FORMAT = 2
-"""Of the arrays: 2 has the threshold of neutral paths among a steering model's."""
+"""Of the arrays: 2 has the division of paths among a steering model's."""
 ARRAYS, GOLDEN, CARD = "arrays.npz", "golden.npz", "card.json"
 
 GOLDEN_TOLERANCE = 1e-9

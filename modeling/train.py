@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
+from ..dataset.drive import division_of
 from ..schemas.config import Config
 from ..schemas.errors import InputError
 from ..schemas.project import Project
@@ -98,8 +99,7 @@ def train_motion_primitives(project: Path, driver: str, files: Mapping[str, str]
             starts=settings.starts,
             seed=config.models.seed,
         )
-        period = config.sync.period
-        model = SteeringModel(primitives, types, past_steps, future, period, config.segments.neutral * period / 1e8)
+        model = SteeringModel(primitives, types, past_steps, future, config.sync.period, division_of(config))
         chosen = _spread_out(len(centres))
         golden = (windows.inputs[chosen], path_type[chosen])
         predicted = model.predict(*golden)

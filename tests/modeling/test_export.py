@@ -15,7 +15,7 @@ import pytest
 
 from wheelprint.modeling.export import exported_models
 from wheelprint.modeling.export.c_header import c_header, c_identifier
-from wheelprint.modeling.export.exported_models import export_models
+from wheelprint.modeling.export.exported_models import Form, export_models
 from wheelprint.modeling.export.plain_regression import PlainRegression, domain_score
 from wheelprint.modeling.lookahead_models import VelocityLookahead
 from wheelprint.modeling.mixture import GaussianMixture
@@ -265,8 +265,9 @@ def test_the_card_says_what_goes_in_and_which_file_predicts(trained: Project, tm
 
 def test_the_same_models_give_the_same_bytes(trained: Project, tmp_path: Path) -> None:
     pytest.importorskip("onnx", reason="onnx is not installed: the extra onnx")
-    for form in ("c", "onnx"):
-        first, second = (list(export_models(trained, tmp_path / place, DRIVER, form)) for place in ("a", "b"))  # type: ignore[arg-type]
+    forms: tuple[Form, ...] = ("c", "onnx")
+    for form in forms:
+        first, second = (list(export_models(trained, tmp_path / place, DRIVER, form)) for place in ("a", "b"))
         assert [path.read_bytes() for path in first] == [path.read_bytes() for path in second]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,11 @@ import pyarrow as pa
 import pytest
 
 from wheelprint import Predictor
-from wheelprint.dataset.segments import divide, features, path_types
-from wheelprint.modeling import PathAhead, Sample
+from wheelprint.dataset.segments import Division, divide, features, path_types
+from wheelprint.modeling import PathAhead, Sample, path_ahead
 from wheelprint.modeling.drivers import read_series
-from wheelprint.modeling.path_ahead import label_windows
+from wheelprint.modeling.path_ahead import HISTORY, label_windows
+from wheelprint.modeling.path_types import PathTypes
 from wheelprint.modeling.predict import SteeringModel, load_steering_model, predict_steering
 from wheelprint.modeling.train import plan_training
 from wheelprint.modeling.windows import Series
@@ -54,8 +56,20 @@ def plans(predictor: Predictor, series: Series, row: int) -> PathAhead | None:
     return PathAhead(series.course_deviation[ahead], series.speed[ahead])
 
 
-def test_every_window_of_a_recording_is_predicted_as_in_one_go(trained: Project, series: Series) -> None:
-    predictor = Predictor.load(trained.directory, DRIVER)
+@pytest.fixture(scope="module")
+def lively(model: SteeringModel, series: Series) -> SteeringModel:
+    """The model with short segments of three types, so that the type of path changes all the time."""
+    division = Division(model.division.neutral, model.division.neutral, 2)
+    segment, _ = divide(series.course_deviation, series.stretch, *division)
+    types = PathTypes.fit(features(series.course_deviation, series.speed, segment, TICK), 3, 3, 0)
+    return replace(model, types=types, division=division)
+
+
+@pytest.mark.parametrize("which", ["model", "lively"])
+def test_every_window_of_a_recording_is_predicted_as_in_one_go(
+    trained: Project, series: Series, which: str, request: pytest.FixtureRequest
+) -> None:
+    predictor = Predictor(request.getfixturevalue(which))
     table = predict_steering(trained, predictor.model, DRIVER, RECORDING)
     streamed = [
         predictor.step(sample, plans(predictor, series, row))
@@ -65,8 +79,7 @@ def test_every_window_of_a_recording_is_predicted_as_in_one_go(trained: Project,
     assert [one.time for one in predictions] == table["time"].cast(pa.int64()).to_pylist()
     assert [one.path_type for one in predictions] == table["path_type"].to_pylist()
     assert [one.regression for one in predictions] == table["regression"].to_pylist()
-    assert len(set(table["path_type"].to_pylist())) > 3
-    assert len(set(table["regression"].to_pylist())) > 1
+    assert len(set(table["path_type"].to_pylist())) > (6 if which == "lively" else 1)
     for name in ("mean", "sd", "domain_score"):
         streamed_values = np.array([getattr(one, name) for one in predictions])
         np.testing.assert_allclose(streamed_values, np.array(table[name].to_pylist()), rtol=1e-9, atol=1e-9)
@@ -92,19 +105,24 @@ def test_a_plan_gives_what_steps_with_the_path_ahead_give(model: SteeringModel, 
     assert by_plan.step(Sample(TICK, 1.0, 1.0, 1.0)) is None
 
 
-def test_types_of_path_are_those_of_a_recording_that_ends_at_the_horizon(model: SteeringModel, series: Series) -> None:
+def test_types_of_path_are_those_of_a_recording_that_ends_at_the_horizon(
+    lively: SteeringModel, series: Series, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Against the definition, window by window: cut the recording at the horizon and label its segments."""
-    windows = model.windows(series, series.recording == RECORDING)
-    centres = windows.centres[::7]
-    found = label_windows(series, centres, model.future_steps, model.types, model.neutral, model.period)
-    for centre, path_type in zip(centres.tolist(), found.tolist(), strict=True):
-        cut = slice(0, centre + model.future_steps + 1)
-        deviation, speed, stretch = series.course_deviation[cut], series.speed[cut], series.stretch[cut]
-        segment, _ = divide(deviation, stretch, model.neutral)
-        begins = np.flatnonzero(np.diff(segment, prepend=-1))
-        labels = model.types.label(features(deviation, speed, segment, model.period))
-        assert path_type == path_types(labels, stretch[begins])[segment[centre]]
-    assert label_windows(series, centres[:0], 5, model.types, model.neutral, model.period).shape == (0,)
+    centres = lively.windows(series, series.recording == RECORDING).centres[::7]
+    args = (centres, lively.future_steps, lively.types, lively.division, lively.period)
+    for history in (HISTORY, 4_000_000_000):
+        monkeypatch.setattr(path_ahead, "HISTORY", history)
+        found = label_windows(series, *args)
+        for centre, path_type in zip(centres.tolist(), found.tolist(), strict=True):
+            cut = slice(max(0, centre - history // TICK), centre + lively.future_steps + 1)
+            stretch = series.stretch[cut]
+            deviation, speed = series.course_deviation[cut], series.speed[cut]
+            segment, _ = divide(deviation, stretch, *lively.division)
+            begins = np.flatnonzero(np.diff(segment, prepend=-1))
+            labels = lively.types.label(features(deviation, speed, segment, lively.period)[: segment[-1] + 1])
+            assert path_type == path_types(labels, stretch[begins])[segment[centre - cut.start]]
+    assert label_windows(series, centres[:0], *args[1:]).shape == (0,)
 
 
 def test_nothing_reaches_across_a_gap(model: SteeringModel) -> None:
@@ -131,6 +149,12 @@ def test_nothing_reaches_across_a_gap(model: SteeringModel) -> None:
     assert [prediction is None for prediction in without] == [True, True, False]
     missing = used.step(Sample(10 * TICK, 0.5, 10.0, np.nan), ahead)
     assert missing is None
+
+
+def test_a_trained_model_is_loaded_by_its_driver(trained: Project) -> None:
+    predictor = Predictor.load(trained.directory, DRIVER)
+    assert predictor.model.past_steps == 1
+    assert predictor.model.division == Division(0.05, 0.05, 5)
 
 
 def test_a_path_ahead_that_cannot_be_used_is_refused(model: SteeringModel) -> None:
