@@ -70,7 +70,7 @@ int main(int argc, char **argv) {
             sum += wheelprint_bench_predict(inputs + (batch %% rows) * WHEELPRINT_bench_INPUTS, mean, variance);
             sum += mean[0] + variance[0];
         }
-        printf("%%.4f\n", (now() - before) / %d);
+        printf("%%.4f\\n", (now() - before) / %d);
     }
     fprintf(stderr, "%%g\\n", sum);
     return 0;

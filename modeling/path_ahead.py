@@ -37,7 +37,8 @@ def label_present(
     own = segment[present]
     first, last = max(own - 1, 0), min(own + 1, segment[-1])
     labels = types.label(features(course_deviation, speed, segment, period)[first : last + 1])
-    return path_types(labels, one_run[: len(labels)])[own - first]
+    names = path_types(labels, one_run[: len(labels)])
+    return names[int(own - first)]
 
 
 def label_windows(
