@@ -6,10 +6,10 @@ WORKERS ?= 2
 .PHONY: demo test lint types bench clean
 
 # Strict editable mode is what type checkers can follow; it must be made anew when files come or go.
-$(VENV)/installed: pyproject.toml constraints.txt cli schemas ingest ingest/can ingest/oxts dataset dataset/review modeling modeling/simulation report
+$(VENV)/installed: pyproject.toml constraints.txt cli schemas ingest ingest/can ingest/oxts dataset dataset/review modeling modeling/export modeling/simulation report
 	test -d $(VENV) || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --config-settings editable_mode=strict --editable ".[dev,mf4]"
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --config-settings editable_mode=strict --editable ".[dev,mf4,onnx]"
 	touch $@
 
 demo: $(VENV)/installed
@@ -24,7 +24,7 @@ lint: $(VENV)/installed
 
 types: $(VENV)/installed
 	$(BIN)/mypy -p wheelprint
-	$(BIN)/mypy --explicit-package-bases tests docs/reference.py
+	$(BIN)/mypy --explicit-package-bases tests benchmarks docs
 
 clean:
 	rm -rf $(VENV) build *.egg-info demo

@@ -28,6 +28,7 @@ from wheelprint.dataset.steering import steering_series
 from wheelprint.ingest.clock import ClockEstimate, estimate_clock, to_utc
 from wheelprint.modeling.simulation.campaign import Campaign, draw_campaign
 from wheelprint.modeling.simulation.car import Car
+from wheelprint.modeling.simulation.driver import Emergency
 from wheelprint.modeling.simulation.logs import CanClock
 from wheelprint.modeling.simulation.recorded import Recorded, record_trip, synced_table
 
@@ -35,6 +36,7 @@ OFFSET_MS, DRIFT_PPM, LONG_MINUTES = 10.0, 5.0, 30.0
 RATIO_PERCENT, STEERING_OFFSET_DEG = 1.0, 0.2
 REQUIRED = 0.95
 PERIOD, MAX_GAP = 100_000_000, 500_000_000
+EMERGENCIES: tuple[Emergency, ...] = ("braking", "swerve", "braking")
 SOURCES = {
     "speed and yaw rate": ("speed", "yaw_rate"),
     "speed": ("speed",),
@@ -105,7 +107,7 @@ def draw(seed: int, short: tuple[float, float] = (2.0, 30.0), long: tuple[float,
                 trip,
                 minutes=round(length, 2),
                 clock=CanClock(random.uniform(-2, 2), random.uniform(-100, 100)),
-                emergencies=("braking", "swerve", "braking")[: int(length / 10)],
+                emergencies=EMERGENCIES[: int(length / 10)],
                 can_gaps=gaps[0],
                 nav_gaps=gaps[1],
             )
@@ -122,9 +124,10 @@ def estimate(recorded: Recorded, names: Sequence[str]) -> ClockEstimate:
     """Estimate the clock from some of the bus's signals."""
     can, nav = recorded.can, recorded.navigation
     series = {name: (can[name].time, can[name].values) for name in names}
-    nothing = np.array([], np.int64), np.array([])
+    time, speed = series.get("speed", (np.array([], np.int64), np.array([])))
     return estimate_clock(
-        *series.get("speed", nothing),
+        time,
+        speed,
         nav["nav_speed"].time,
         nav["nav_speed"].values,
         can_yaw_rate=series.get("yaw_rate"),
@@ -157,14 +160,14 @@ def recover(seed: int, draw_from: Callable[[int], Campaign] = draw) -> Outcome:
         series.append(steering_series(table))
     wheel, yaw_rate, speed = np.concatenate(series, axis=1)
     car = campaign.car
-    found = estimate_steering(wheel, yaw_rate, speed, car.wheelbase)
+    calibration = estimate_steering(wheel, yaw_rate, speed, car.wheelbase)
     share = 100 / car.steering_ratio
     nan = float("nan")
     steering = Steering(
-        nan if found.ratio is None else share * (found.ratio - car.steering_ratio),
-        nan if found.ratio_standard_error is None else share * found.ratio_standard_error,
-        nan if found.offset is None else found.offset - car.steering_offset,
-        nan if found.offset_standard_error is None else found.offset_standard_error,
+        nan if calibration.ratio is None else share * (calibration.ratio - car.steering_ratio),
+        nan if calibration.ratio_standard_error is None else share * calibration.ratio_standard_error,
+        nan if calibration.offset is None else calibration.offset - car.steering_offset,
+        nan if calibration.offset_standard_error is None else calibration.offset_standard_error,
     )
     return Outcome(seed, clocks, steering)
 

@@ -6,7 +6,8 @@ What the package offers to Python, each loaded when it is first asked for:
     decode(frames, database)  their signals in physical values, by message
     read_nav(path)            navigation at its own rate
     Project(directory)        .synced(driver), .dataset(driver), .manifest
-    modeling                  GaussianMixture, MixtureRegression
+    Predictor                 .step(sample): a driver's steering, predicted sample by sample
+    modeling                  GaussianMixture, MixtureRegression, Predictor, Sample, PathAhead
     InputError                what all of them raise for bad input
 """
 
@@ -19,15 +20,17 @@ if TYPE_CHECKING:
     from . import modeling
     from .ingest.can.decode import decode
     from .ingest.readers import read_frames, read_nav
+    from .modeling.predictor import Predictor
     from .schemas.errors import InputError
     from .schemas.project import Project
 
 __version__ = "0.1.0"
 
-__all__ = ["InputError", "Project", "decode", "modeling", "read_frames", "read_nav"]
+__all__ = ["InputError", "Predictor", "Project", "decode", "modeling", "read_frames", "read_nav"]
 
 _PLACES = {
     "InputError": "schemas.errors",
+    "Predictor": "modeling.predictor",
     "Project": "schemas.project",
     "decode": "ingest.can.decode",
     "read_frames": "ingest.readers",

@@ -159,7 +159,10 @@ def report(project: ProjectOption = HERE, as_json: JsonOption = False) -> None:
 
 @app.command()
 def export(
-    to: Annotated[str, typer.Option("--to", help="csv: the dataset; json: the models; mcap: recordings for a viewer.")],
+    to: Annotated[
+        str,
+        typer.Option("--to", help="csv: the dataset; json, onnx, c: the models; mcap: recordings for a viewer."),
+    ],
     project: ProjectOption = HERE,
     out: Annotated[Path | None, typer.Option("--out", help="Folder; default: export/ in the project.")] = None,
     driver: Annotated[str | None, typer.Option("--driver", help="Only this driver.")] = None,
@@ -179,13 +182,17 @@ def predict(
     recording: Annotated[
         str | None, typer.Option("--recording", help="driver/recording; default: all of the driver's.")
     ] = None,
+    models: Annotated[
+        Path | None,
+        typer.Option("--models", help="Project whose models predict; default: this one.", show_default=False),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Predict the steering wheel angle over the next 5 s along recordings of the dataset, into predictions/."""
     from .prediction import predict_recordings
 
     summary = Report("predict", as_json)
-    _guarded(summary, lambda: predict_recordings(summary, _open(project), driver, recording))
+    _guarded(summary, lambda: predict_recordings(summary, _open(project), driver, recording, models))
 
 
 @app.command()

@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
     from .schemas.project import Project
 
-FORMS = ("csv", "json", "mcap")
+FORMS = ("csv", "json", "mcap", "onnx", "c")
 
 
 def export_project(report: Report, project: Project, to: str, out: Path | None, driver: str | None) -> None:
-    """Export into a folder, one file for each recording (csv, mcap) or model (json).
+    """Export into a folder, one file for each recording (csv, mcap), model (json) or regression of a model (onnx, c).
 
     Raises:
         InputError: The form is unknown, or what it needs is not there yet.
@@ -28,10 +28,10 @@ def export_project(report: Report, project: Project, to: str, out: Path | None, 
     if to not in FORMS:
         raise InputError("--to", to, f"no such form; choose one of {', '.join(FORMS)}")
     folder = out or project.directory / "export"
-    write = {"csv": _write_csv, "json": _write_json, "mcap": _write_mcap}[to]
+    write = {"csv": _write_csv, "json": _write_json, "mcap": _write_mcap, "onnx": _write_onnx, "c": _write_c}[to]
     files = list(write(project, folder, driver))
     if not files:
-        stage = {"csv": "build", "json": "train", "mcap": "convert"}[to]
+        stage = {"csv": "build", "mcap": "convert"}.get(to, "train")
         whose = "" if driver is None else f" of driver {driver!r}"
         raise InputError(project.directory, "", f"nothing{whose} to export yet; run `wheelprint {stage}` first")
     report.tables.append(("Exported", ("file", "MB"), [(str(path), path.stat().st_size / 1e6) for path in files]))
@@ -79,3 +79,15 @@ def _write_mcap(project: Project, folder: Path, driver: str | None) -> Iterator[
             path = folder / f"{encode_name(recording.driver)}.{encode_name(recording.name)}.mcap"
             export_mcap(project, recording.driver, recording.name, path)
             yield path
+
+
+def _write_onnx(project: Project, folder: Path, driver: str | None) -> Iterator[Path]:
+    from .modeling.export.exported_models import export_models
+
+    return export_models(project, folder, driver, "onnx")
+
+
+def _write_c(project: Project, folder: Path, driver: str | None) -> Iterator[Path]:
+    from .modeling.export.exported_models import export_models
+
+    return export_models(project, folder, driver, "c")

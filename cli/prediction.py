@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from .output import Report
 from .schemas.errors import InputError
-from .schemas.project import encode_name
+from .schemas.project import Project, encode_name
 from .schemas.store import publish_table
 
-if TYPE_CHECKING:
-    from .schemas.project import Project
 
-
-def predict_recordings(report: Report, project: Project, driver: str, recording: str | None) -> None:
+def predict_recordings(
+    report: Report, project: Project, driver: str, recording: str | None, models: Path | None
+) -> None:
     """Predict along one recording, or all of the driver's, into `predictions/<driver>/<driver>.<recording>.parquet`.
 
     Args:
@@ -22,6 +22,8 @@ def predict_recordings(report: Report, project: Project, driver: str, recording:
         project: The project.
         driver: Whose model predicts.
         recording: `driver/recording`, of this driver or another one; None: all recordings of this driver.
+        models: Folder of the project whose models predict, such as the one that these recordings are new to; None:
+            this one.
 
     Raises:
         InputError: The driver has no model, or there is no such recording.
@@ -33,7 +35,7 @@ def predict_recordings(report: Report, project: Project, driver: str, recording:
     if recording is not None and recording not in known:
         raise InputError(project.directory, recording, f"no such recording; there are {', '.join(known)}")
     wanted = [known[recording]] if recording else [found for found in known.values() if found.driver == driver]
-    model = load_steering_model(project, driver)
+    model = load_steering_model(project if models is None else Project(models), driver)
     rows: list[Sequence[Any]] = []
     for found in wanted:
         try:

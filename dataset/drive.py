@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..schemas.config import Config
 from .events import Event, covered
 from .path import Floats, Runs, course_deviation, distance
-from .segments import divide, features
+from .segments import Division, divide, features
 from .smoothing import smooth, smooth_angles
 from .steering import Steering
 
@@ -99,10 +99,15 @@ def select_rows(
 
 def segments_of(course_deviation: Floats, run: Runs, config: Config) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
     """Return segments and sides as `divide`, by the thresholds of `[segments]` at the project's rate."""
+    return divide(course_deviation, run, *division_of(config))
+
+
+def division_of(config: Config) -> Division:
+    """Return the thresholds of `[segments]` at the project's rate."""
     settings, period = config.segments, config.sync.period
     release = settings.neutral if settings.release is None else settings.release
     shortest = math.ceil(settings.minimum_duration * 1e9 / period)
-    return divide(course_deviation, run, settings.neutral * period / 1e8, release * period / 1e8, shortest)
+    return Division(settings.neutral * period / 1e8, release * period / 1e8, shortest)
 
 
 def derive(table: pa.Table, events: Iterable[Event], steering: Steering, config: Config) -> Drive:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,20 @@ SIDES = {1: "left", 0: "neutral", -1: "right"}
 
 SEGMENTS_PER_CLUSTER = 10
 """Fewer do not determine the covariance of four features."""
+
+
+class Division(NamedTuple):
+    """Thresholds of `divide`.
+
+    Attributes:
+        neutral: deg per sample.
+        release: deg per sample.
+        shortest: Samples.
+    """
+
+    neutral: float
+    release: float
+    shortest: int
 
 
 class PathClustering(Protocol):

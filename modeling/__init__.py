@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .mixture import GaussianMixture
+    from .predictor import PathAhead, Predictor, Sample
     from .regression import MixtureRegression
 
-__all__ = ["GaussianMixture", "MixtureRegression"]
+__all__ = ["GaussianMixture", "MixtureRegression", "PathAhead", "Predictor", "Sample"]
+
+_PLACES = {
+    "GaussianMixture": "mixture",
+    "MixtureRegression": "regression",
+    "PathAhead": "predictor",
+    "Predictor": "predictor",
+    "Sample": "predictor",
+}
 
 
 def __getattr__(name: str) -> Any:
-    if name == "GaussianMixture":
-        from .mixture import GaussianMixture
-
-        return GaussianMixture
-    if name == "MixtureRegression":
-        from .regression import MixtureRegression
-
-        return MixtureRegression
+    if name in _PLACES:
+        return getattr(import_module(f"{__name__}.{_PLACES[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -21,7 +21,7 @@ penalty; so the penalty that ridge regression of the same windows chooses by cro
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, Self
 
@@ -95,17 +95,36 @@ class MotionPrimitives:
         """
         outputs = self.regressions[EVERYTHING].n_outputs_
         mean, variance = np.empty((len(inputs), outputs)), np.empty((len(inputs), outputs))
-        distinct, which = np.unique(path_types.astype(str), return_inverse=True)
-        models = np.array([self.model_of(path_type) for path_type in distinct.tolist()], dtype=object)[which]
-        for model in dict.fromkeys(models):
-            own = np.flatnonzero(models == model)
-            mean[own], deviation = self.regressions[model].predict(inputs[own], return_sd=True)
+        for regression, own in self._shared_out(path_types):
+            mean[own], deviation = regression.predict(inputs[own], return_sd=True)
             variance[own] = np.square(deviation)
         return mean, variance
+
+    def domain_score(self, inputs: Floats, path_types: NDArray[Any]) -> Floats:
+        """Return how ordinary windows are: the log density of the inputs in the regression that predicts, nats.
+
+        Args:
+            inputs: As for `predict`.
+            path_types: As for `predict`.
+
+        Returns:
+            Shape (n_windows,).
+        """
+        score = np.empty(len(inputs))
+        for regression, own in self._shared_out(path_types):
+            score[own] = regression.domain_score(inputs[own])
+        return score
 
     def model_of(self, path_type: str) -> str:
         """Return the name of the regression that predicts windows of a path type, also of one never seen."""
         return next(name for name in _names(path_type, self.n1) if name in self.regressions)
+
+    def _shared_out(self, path_types: NDArray[Any]) -> Iterator[tuple[MixtureRegression, NDArray[np.intp]]]:
+        """Yield each regression that predicts some of the windows, and which ones."""
+        distinct, which = np.unique(path_types.astype(str), return_inverse=True)
+        models = np.array([self.model_of(path_type) for path_type in distinct.tolist()], dtype=object)[which]
+        for model in dict.fromkeys(models):
+            yield self.regressions[model], np.flatnonzero(models == model)
 
     def fallbacks(self) -> dict[str, str]:
         """Return the path types of the training windows that have no regression of their own, and whose they use."""

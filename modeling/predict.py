@@ -10,12 +10,14 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from ..dataset.segments import Division
 from ..schemas.errors import InputError
 from ..schemas.project import Project
 from ..schemas.tables import TIME, field
-from .drivers import label_rows, read_series
+from .drivers import read_series
 from .mixture import GaussianMixture
 from .motion_primitives import MotionPrimitives
+from .path_ahead import label_windows
 from .path_types import PathTypes
 from .storage import load_model
 from .windows import Floats, Mask, Series, Windows, cut_windows, window_centres
@@ -33,6 +35,7 @@ class SteeringModel:
         past_steps: n₂.
         future_steps: n₃.
         period: ns of a step.
+        division: How a path is divided into segments.
     """
 
     primitives: MotionPrimitives
@@ -40,6 +43,7 @@ class SteeringModel:
     past_steps: int
     future_steps: int
     period: int
+    division: Division
 
     def windows(self, series: Series, allowed: Mask) -> Windows:
         """Return the windows that can be predicted, entirely within the allowed rows (n_rows,)."""
@@ -60,6 +64,7 @@ class SteeringModel:
             "past_steps": np.array(self.past_steps),
             "future_steps": np.array(self.future_steps),
             "period": np.array(self.period),
+            "division": np.array(self.division),
             "types/weights": mixture.weights_,
             "types/means": mixture.means_,
             "types/covariances": mixture.covariances_,
@@ -72,8 +77,15 @@ class SteeringModel:
         """Return the model that `arrays` was taken from."""
         mixture = GaussianMixture.from_parameters(*(arrays[f"types/{n}"] for n in ("weights", "means", "covariances")))
         types = PathTypes(mixture, arrays["types/features"], bool(arrays["types/logarithms"]), ())
-        steps = (int(arrays[name]) for name in ("past_steps", "future_steps", "period"))
-        return cls(MotionPrimitives.from_arrays(arrays), types, *steps)
+        neutral, release, shortest = arrays["division"]
+        return cls(
+            MotionPrimitives.from_arrays(arrays),
+            types,
+            past_steps=int(arrays["past_steps"]),
+            future_steps=int(arrays["future_steps"]),
+            period=int(arrays["period"]),
+            division=Division(float(neutral), float(release), int(shortest)),
+        )
 
 
 def load_steering_model(project: Project, driver: str) -> SteeringModel:
@@ -94,8 +106,9 @@ def predict_steering(project: Project, model: SteeringModel, driver: str, record
     """Predict the steering along a recording of the dataset, from every sample with a whole window.
 
     The path up to n₃ steps ahead is taken from the recording, as a planner would give it; of the steering only what
-    the driver had done by then. A recording that the model was trained on is predicted better than a new one would be:
-    the evaluation says how well that is.
+    the driver had done by then. Types of path are what is known by then, too (`path_ahead`), so that `Predictor` gives
+    the same numbers sample by sample. A recording that the model was trained on is predicted better than a new one
+    would be: the evaluation says how well that is.
 
     Args:
         project: Its dataset holds the recording.
@@ -106,7 +119,8 @@ def predict_steering(project: Project, model: SteeringModel, driver: str, record
     Returns:
         One row for each predicted window: `time` (t), `steering_wheel_angle` (what the driver did at t),
         `path_type`, `regression` (the motion primitive that predicts, see `MotionPrimitives.model_of`), and as lists
-        of n₃ values for t + 1 … t + n₃ `mean` and `sd`. Empty where no window is whole.
+        of n₃ values for t + 1 … t + n₃ `mean` and `sd`; `domain_score` (see `MotionPrimitives.domain_score`). Empty
+        where no window is whole.
 
     Raises:
         InputError: The dataset lacks the recording, or has another sampling period than the model.
@@ -123,8 +137,9 @@ def predict_steering(project: Project, model: SteeringModel, driver: str, record
         reason = f"driver {driver!r} has no recording {recording!r} in the dataset; there are {known}"
         raise InputError(project.directory / "dataset", "", reason)
     windows = model.windows(series, allowed)
-    path_type = label_rows(series, model.types, config)[windows.centres]
+    path_type = label_windows(series, windows.centres, model.future_steps, model.types, model.division, model.period)
     mean, sd = model.predict(windows.inputs, path_type)
+    score = model.primitives.domain_score(windows.inputs, path_type)
     names, which = np.unique(path_type, return_inverse=True)
     regression = np.array([model.primitives.model_of(name) for name in names.tolist()], dtype=np.str_)[which]
     lists = pa.list_(pa.float64(), model.future_steps)
@@ -136,6 +151,7 @@ def predict_steering(project: Project, model: SteeringModel, driver: str, record
             field("regression", pa.string(), "", "motion primitive that predicts"),
             field("mean", lists, "deg", "predicted steering wheel angle of each following step"),
             field("sd", lists, "deg", "standard deviation of each following step"),
+            field("domain_score", pa.float64(), "nats", "log density of the inputs where the model learnt"),
         ]
     )
     columns = [
@@ -144,5 +160,6 @@ def predict_steering(project: Project, model: SteeringModel, driver: str, record
         pa.array(path_type.tolist(), pa.string()),
         pa.array(regression.tolist(), pa.string()),
         *(pa.FixedSizeListArray.from_arrays(values.ravel(), type=lists) for values in (mean, sd)),
+        pa.array(score),
     ]
     return pa.Table.from_arrays(columns, schema=schema)

@@ -23,7 +23,8 @@ from ..schemas.store import publish, publish_json, sha256
 Arrays = Mapping[str, npt.NDArray[Any]]
 Model = TypeVar("Model")
 
-FORMAT = 1
+FORMAT = 2
+"""Of the arrays: 2 has the division of paths among a steering model's."""
 ARRAYS, GOLDEN, CARD = "arrays.npz", "golden.npz", "card.json"
 
 GOLDEN_TOLERANCE = 1e-9

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
+from ..dataset.drive import division_of
 from ..schemas.config import Config
 from ..schemas.errors import InputError
 from ..schemas.project import Project
@@ -21,7 +22,7 @@ from .drivers import describe_path_types, fit_path_types, label_rows, modelled_d
 from .lookahead_models import GeneralLookahead, VelocityLookahead
 from .motion_primitives import fit_motion_primitives, windows_needed
 from .predict import MODEL, SteeringModel
-from .storage import Arrays, Golden, save_model
+from .storage import FORMAT, Arrays, Golden, save_model
 from .windows import Series, cut_windows, window_centres
 
 GOLDEN_ROWS = 20
@@ -43,6 +44,7 @@ def plan_training(project: Project) -> tuple[list[Task], list[InputError]]:
     drivers, problems = modelled_drivers(project)
     made_from = {
         "version": __version__,
+        "format": FORMAT,
         "period": config.sync.period,
         "models": config.models.model_dump(),
         "segments": config.segments.model_dump(),
@@ -97,7 +99,7 @@ def train_motion_primitives(project: Path, driver: str, files: Mapping[str, str]
             starts=settings.starts,
             seed=config.models.seed,
         )
-        model = SteeringModel(primitives, types, past_steps, future, config.sync.period)
+        model = SteeringModel(primitives, types, past_steps, future, config.sync.period, division_of(config))
         chosen = _spread_out(len(centres))
         golden = (windows.inputs[chosen], path_type[chosen])
         predicted = model.predict(*golden)

@@ -144,10 +144,24 @@ def test_predict_and_export(ran: Path, tmp_path: Path, wheelprint: Command) -> N
         assert answer.status == 0
         assert len(answer.content["tables"]["Exported"]) == count
         assert len(list((tmp_path / form).iterdir())) == count
+    answer = wheelprint("export", "--project", project, "--to", "c", "--out", tmp_path / "c", "--driver", "driver01")
+    assert answer.status == 0
+    assert [path.name for path in sorted((tmp_path / "c").iterdir())] == [
+        "lookahead_general.driver01.c.json", "lookahead_general.driver01.h",
+        "lookahead_velocity.driver01.c.json", "lookahead_velocity.driver01.h",
+        "motion_primitives.driver01.all.h", "motion_primitives.driver01.c.json",
+    ]  # fmt: skip
+    # The other driver's recording is new to this model, which comes from another project.
+    new = wheelprint("predict", "--project", project, "--driver", "driver01", "--models", ran, "--recording",
+                     "driver02/drive01")  # fmt: skip
+    assert new.status == 0
+    assert (project / "predictions" / "driver01" / "driver02.drive01.parquet").is_file()
+    shutil.rmtree(project / "models")
+    assert wheelprint("predict", "--project", project, "--driver", "driver01", "--models", ran).status == 0
 
     unknown = wheelprint("predict", "--project", project, "--driver", "nobody")
     assert unknown.status == 1
     assert "driver 'nobody' has no motion primitives; trained are those of driver01" in unknown.problems[0]
     assert wheelprint("export", "--project", project, "--to", "xls").problems == [
-        "--to: xls: no such form; choose one of csv, json, mcap"
+        "--to: xls: no such form; choose one of csv, json, mcap, onnx, c"
     ]

@@ -13,6 +13,7 @@ from wheelprint.ingest.cameras import CameraIndex
 from wheelprint.ingest.can.database import Database
 from wheelprint.ingest.recording_cameras import find_cameras, read_cameras
 from wheelprint.ingest.recording_logs import RawLogs, read_logs, recording_files
+from wheelprint.schemas.config import Nav
 from wheelprint.schemas.errors import InputError
 from wheelprint.schemas.project import Project, Recording
 from wheelprint.schemas.store import Manifest, fingerprint, read_table, sha256
@@ -43,7 +44,7 @@ def add_images(folder: Path, count: int = 12, start: int = START, suffix: str = 
 def convert(recording: Recording) -> RawLogs:
     project = recording.folder.parents[2]
     folder = Project(project).signals_folder("anna", "monday")
-    return read_logs(project, recording, Database(()), folder, "auto")
+    return read_logs(project, recording, Database(()), folder, Nav())
 
 
 def stored(recording: Recording) -> list[tuple[int, str, str | None, int | None]]:

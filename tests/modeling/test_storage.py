@@ -47,7 +47,7 @@ def test_comes_back_with_its_card(tmp_path: Path) -> None:
     assert card == {
         "driver": "Łukasz",
         "hours": 1.5,
-        "format": 1,
+        "format": 2,
         "kind": "general",
         "arrays": {
             "weights": [3], "means": [3, 3], "covariances": [3, 3, 3], "outputs": [], "single_output": [],
@@ -140,12 +140,12 @@ def test_golden_vectors_may_hold_names(tmp_path: Path) -> None:
             "not JSON (Expecting value: line 1 column 1 (char 0)); train the model again",
         ),
         (
-            lambda folder: (folder / "card.json").write_text(json.dumps({"format": 2})),
+            lambda folder: (folder / "card.json").write_text(json.dumps({"format": 1})),
             "card.json: format",
-            "expected 1, found 2: another version wrote it; train the model again",
+            "expected 2, found 1: another version wrote it; train the model again",
         ),
         (
-            lambda folder: (folder / "card.json").write_text(json.dumps({"format": 1, "kind": "oracle"})),
+            lambda folder: (folder / "card.json").write_text(json.dumps({"format": 2, "kind": "oracle"})),
             "card.json: kind",
             "a model of kind 'oracle'; known here: general, velocity",
         ),

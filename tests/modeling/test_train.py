@@ -85,7 +85,9 @@ def test_training_again_gives_the_same_bytes(trained: Project, perform: Perform)
 def test_predictions_along_a_recording(trained: Project) -> None:
     model = load_steering_model(trained, DRIVER)
     table = predict_steering(trained, model, DRIVER, "drive 1")
-    assert table.column_names == ["time", "steering_wheel_angle", "path_type", "regression", "mean", "sd"]
+    assert table.column_names == [
+        "time", "steering_wheel_angle", "path_type", "regression", "mean", "sd", "domain_score",
+    ]  # fmt: skip
     data = trained.dataset(DRIVER).to_pandas()
     data = data[data.recording == "drive 1"].reset_index(drop=True)
     # Two runs of 166 and 334 rows; of each the first row has no course deviation, one is past and five are future.
