@@ -18,7 +18,10 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+
+from .estimator import RowSource
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -133,6 +136,35 @@ def cut_windows(series: Series, centres: Rows, past_steps: int, future_steps: in
     steering = series.steering_wheel_angle
     inputs = np.concatenate([series.course_deviation[path], series.speed[path], steering[seen]], axis=1)
     return Windows(centres, inputs, steering[ahead], steering[centres])
+
+
+class WindowRows(RowSource):
+    """Inputs and outputs of windows side by side, cut from the series whenever rows are asked for.
+
+    81 h of driving have 2.9 million windows of 153 channels: 3.5 GB as an array, 70 MB as series.
+    """
+
+    def __init__(self, series: Series, centres: Rows, past_steps: int, future_steps: int) -> None:
+        """Take what `cut_windows` takes; the rows are its inputs and outputs in one."""
+        past = max(past_steps, 0)
+        path, steering = past + 1 + future_steps, past_steps + 1 + future_steps
+        self.shape = (len(centres), 2 * path + steering)
+        self._centres = centres
+        # Steering that is seen and steering that follows are one window: the outputs continue the inputs.
+        self._parts = [
+            (sliding_window_view(values, length), length - 1 - future_steps)
+            for values, length in (
+                (series.course_deviation, path),
+                (series.speed, path),
+                (series.steering_wheel_angle, steering),
+            )
+            if len(values) >= length
+        ]
+
+    def __getitem__(self, index: slice | Rows) -> Floats:
+        """Return the windows around some of the centres, (n, n_inputs + n_outputs)."""
+        centres = self._centres[index]
+        return np.concatenate([windows[centres - before] for windows, before in self._parts], axis=1)
 
 
 def _changes(values: NDArray[Any]) -> Mask:
