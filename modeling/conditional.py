@@ -55,7 +55,8 @@ def predict_rows(rows: FloatArray, conditional: Conditional, cutoff: float, mean
     size = min(n, BLOCK)
     buffers = buffers_of(k, d, size, conditional.inverses)
     totals, known = np.empty(size), np.empty(size, dtype=np.bool_)
-    reference = np.empty((size, q))
+    reference, kept = np.empty((size, q)), np.empty(size, dtype=np.uint32)
+    gathered = np.empty(d * size, dtype=conditional.inverses.dtype)
     for start in range(0, n, size):
         part = rows[start : start + size]
         pieces = evaluate(
@@ -65,10 +66,21 @@ def predict_rows(rows: FloatArray, conditional: Conditional, cutoff: float, mean
         known[:] = False
         for piece in range(pieces):
             c, begin, stop = buffers.components[piece], buffers.begins[piece], buffers.begins[piece + 1]
-            y = buffers.whitened[d * begin : d * stop].reshape(d, stop - begin)
-            own = np.dot(conditional.gains[c], y)
+            m = 0
             for place in range(stop - begin):
                 row = buffers.rows[begin + place]
+                kept[m] = place
+                m += not known[row] or buffers.joint[c, row] > totals[row] - cutoff
+            if m == 0:
+                continue
+            all_y, y = buffers.whitened[d * begin : d * stop].reshape(d, stop - begin), gathered[: d * m].reshape(d, m)
+            for i in range(d):
+                of_column, into_column = all_y[i], y[i]
+                for place in range(m):
+                    into_column[place] = of_column[kept[place]]
+            own = np.dot(conditional.gains[c], y)
+            for place in range(m):
+                row = buffers.rows[begin + kept[place]]
                 beta = math.exp(buffers.joint[c, row] - totals[row])
                 share = beta * beta if conditional.faithful else beta
                 into, spread, about = mean[start + row], sd[start + row], reference[row]
@@ -78,7 +90,7 @@ def predict_rows(rows: FloatArray, conditional: Conditional, cutoff: float, mean
                         about[j] = conditional.outputs[c, j] + own[j, place]
                         into[j] = 0.0
                         spread[j] = share * conditional.variances[c, j]
-                elif beta > 1e-17:
+                else:
                     for j in range(q):
                         offset = conditional.outputs[c, j] + own[j, place] - about[j]
                         into[j] += beta * offset

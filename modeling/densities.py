@@ -15,7 +15,7 @@ from .estimator import FloatArray, Rows
 if TYPE_CHECKING:
     from .wide_rows import Bound
 
-CHUNK_VALUES = 2**19
+CHUNK_VALUES = 2**18
 """Values in one array of a chunk."""
 
 LEADING = 24
@@ -117,7 +117,7 @@ def bound_of(parameters: Parameters) -> Bound:
     )
 
 
-def log_joint(rows: FloatArray, parameters: Parameters, cutoff: float = math.inf) -> FloatArray:
+def log_joint(rows: npt.NDArray[np.floating[Any]], parameters: Parameters, cutoff: float = math.inf) -> FloatArray:
     """Return log p_k g_k(x) (n, k), −inf where a component is certain to lie more than `cutoff` nats below the top."""
     constants = log_constants(parameters.weights, parameters.inverses)
     joint = np.empty((len(rows), len(constants)))

@@ -87,9 +87,9 @@ class Estimator:
 
             raise NotFittedError(f"this {type(self).__name__} is not fitted yet; call `fit` first")
 
-    def _rows(self, X: npt.ArrayLike | RowSource) -> Rows:
+    def _rows(self, X: npt.ArrayLike) -> npt.NDArray[np.floating[Any]]:
         """Return rows that a fitted estimator can be asked about."""
-        rows = as_rows(X, "X")
+        rows = as_array(X, "X")
         if rows.shape[1] != self.n_features_in_:
             raise ValueError(
                 f"X has {rows.shape[1]} features, but {type(self).__name__} is expecting {self.n_features_in_} "
@@ -118,7 +118,8 @@ def as_sample_weights(values: npt.ArrayLike | None, n: int) -> FloatArray | None
         raise ValueError(f"sample_weight.shape == {weights.shape}, expected ({n},)!")
     if not np.isfinite(weights).all() or (weights < 0).any() or not weights.any():
         raise ValueError("sample_weight must be finite, zero or positive, and not zero everywhere")
-    return weights * (n / weights.sum())
+    normalised: FloatArray = weights * (n / weights.sum())
+    return normalised
 
 
 def as_array(values: npt.ArrayLike, name: str) -> npt.NDArray[np.floating[Any]]:

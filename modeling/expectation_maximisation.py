@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -180,7 +180,7 @@ def step(sample: Sample, parameters: Parameters, settings: Settings) -> Paramete
     return _update(parameters, _pass(sample, parameters, settings.threads), settings)[0]
 
 
-def moments_of(sample: Sample, responsibilities: Rows, settings: Settings) -> Parameters:
+def moments_of(sample: Sample, responsibilities: npt.NDArray[np.floating[Any]], settings: Settings) -> Parameters:
     """Return the M step from given responsibilities (n, k): each component's moments about its own mean."""
     rows = sample.rows
     if sample.weights is not None:

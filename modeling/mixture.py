@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
@@ -236,10 +237,10 @@ class GaussianMixture(Estimator):
         self._require_fit("means_")
         return self._parameters.inverses
 
-    def bound(self) -> Bound:
+    def bound(self, precision: npt.DTypeLike = np.float64) -> Bound:
         """Return what bounds the log densities of components cheaply, see `wide_rows.Bound`."""
         self._require_fit("means_")
-        return bound_of(self._parameters)
+        return bound_of(replace(self._parameters, precision=np.dtype(precision)))
 
     def sample(
         self, n_samples: int = 1, random_state: int | np.random.Generator | None = 0
@@ -322,7 +323,7 @@ class GaussianMixture(Estimator):
             raise ValueError("initial_responsibilities must be positive, and their sum 1 in every row")
         return responsibilities
 
-    def _log_joint(self, X: npt.ArrayLike | RowSource, cutoff: float) -> FloatArray:
+    def _log_joint(self, X: npt.ArrayLike, cutoff: float) -> FloatArray:
         self._require_fit("means_")
         rows = self._rows(X)
         joint = np.empty((len(rows), len(self.weights_)))

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import scipy.linalg.cython_blas as blas
-from llvmlite.binding import add_symbol
+from llvmlite.binding import add_symbol  # type: ignore[import-untyped]  # it ships no types
 from numba import njit, types
 
 Floats = npt.NDArray[np.floating[Any]]
@@ -22,7 +22,8 @@ _LETTERS = np.frombuffer(b"RUNT", dtype=np.uint8)  # right, upper, not transpose
 
 def _external(name: str, arguments: int) -> Any:
     """Return a routine of scipy's BLAS, all of whose arguments are addresses."""
-    capsule = blas.__pyx_capi__[name]
+    capsules: dict[str, Any] = vars(blas)["__pyx_capi__"]
+    capsule = capsules[name]
     name_of, address_of = ctypes.pythonapi.PyCapsule_GetName, ctypes.pythonapi.PyCapsule_GetPointer
     name_of.restype, name_of.argtypes = ctypes.c_char_p, [ctypes.py_object]
     address_of.restype, address_of.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]

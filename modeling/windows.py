@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from .estimator import RowSource
@@ -152,19 +151,26 @@ class WindowRows(RowSource):
         self._centres = centres
         # Steering that is seen and steering that follows are one window: the outputs continue the inputs.
         self._parts = [
-            (sliding_window_view(values, length), length - 1 - future_steps)
+            (np.array(values, dtype=np.float64), length)
             for values, length in (
                 (series.course_deviation, path),
                 (series.speed, path),
                 (series.steering_wheel_angle, steering),
             )
-            if len(values) >= length
         ]
+        self._future = future_steps
 
     def __getitem__(self, index: slice | Rows) -> Floats:
         """Return the windows around some of the centres, (n, n_inputs + n_outputs)."""
+        from .window_rows import cut
+
         centres = self._centres[index]
-        return np.concatenate([windows[centres - before] for windows, before in self._parts], axis=1)
+        rows = np.empty((len(centres), self.shape[1]))
+        column = 0
+        for values, length in self._parts:
+            cut(values, centres + (self._future + 1 - length), column, length, rows)
+            column += length
+        return rows
 
 
 def _changes(values: NDArray[Any]) -> Mask:
