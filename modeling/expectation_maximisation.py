@@ -129,16 +129,15 @@ def _is_positive_definite(matrix: FloatArray) -> bool:
 def variances_of(sample: Sample) -> FloatArray:
     """Return each channel's variance over all rows; 1 for a constant channel, which has no scale of its own."""
     rows, n = sample.rows, len(sample.rows)
-    origin = rows[:1][0].astype(np.float64)
-
-    def weighted(part: slice, values: FloatArray) -> FloatArray:
-        weights = sample.weights_of(part)
-        total: FloatArray = weights @ values if len(weights) else values.sum(axis=0)
-        return total
-
-    mean = origin + sum(weighted(part, rows[part] - origin) for part in chunks(rows)) / n
-    total = sum(weighted(part, np.square(rows[part] - mean)) for part in chunks(rows))
-    return np.where(total > 0, total / n, 1.0)
+    origin = rows[:1][0].astype(np.float64)  # within a few deviations of the mean, so that little cancels
+    first, second = np.zeros_like(origin), np.zeros_like(origin)
+    for part in chunks(rows):
+        centred, weights = rows[part] - origin, sample.weights_of(part)
+        first += weights @ centred if len(weights) else centred.sum(axis=0)
+        np.square(centred, out=centred)
+        second += weights @ centred if len(weights) else centred.sum(axis=0)
+    variances = second / n - np.square(first / n)
+    return np.where(variances > 0, variances, 1.0)
 
 
 def maximise(sample: Sample, start: Parameters, settings: Settings) -> Run:

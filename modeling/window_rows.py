@@ -13,6 +13,6 @@ from .estimator import FloatArray
 def cut(values: FloatArray, begins: npt.NDArray[np.int64], column: int, length: int, rows: FloatArray) -> None:
     """Write `values` from each of `begins` (n,) on into `length` columns of rows (n, d), from `column` on."""
     for row in range(len(begins)):
-        begin = begins[row]
+        source, target = values[begins[row] : begins[row] + length], rows[row, column : column + length]
         for i in range(length):
-            rows[row, column + i] = values[begin + i]
+            target[i] = source[i]
