@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from wheelprint.modeling.estimator import RowSource
-from wheelprint.modeling.mixture import GaussianMixture
+from wheelprint.modeling.mixture import GaussianMixture, Precision
 from wheelprint.modeling.regression import MixtureRegression
 from wheelprint.modeling.windows import Series, WindowRows, window_centres
 
@@ -57,11 +57,11 @@ def simulate(rows: int) -> Series:
         channels = np.stack([np.diff(course, prepend=course[0]), motion.speed[every], wheel])
         channels += [[0.02], [0.02], [0.05]] * generator.standard_normal(channels.shape)
         drives.append([np.convolve(channel, np.full(5, 0.2), "valid") for channel in channels])
-    values = np.concatenate(drives, axis=1)
+    values: Floats = np.concatenate(drives, axis=1)
     values = (values - values.mean(axis=1, keepdims=True)) / values.std(axis=1, keepdims=True)
     stretch = np.repeat(np.arange(len(drives)), [len(channels[0]) for channels in drives])
     none = np.zeros(len(stretch), dtype=np.int64)
-    return Series(none, none, stretch, *values, np.full(len(stretch), np.nan), none, none)
+    return Series(none, none, stretch, values[0], values[1], values[2], np.full(len(stretch), np.nan), none, none)
 
 
 def windows_of(series: Series, rows: int) -> WindowRows:
@@ -114,10 +114,10 @@ def fit_windows(folder: Path, rows: int, iterations: int, contender: str) -> Res
     if contender == "scikit-learn":
         return _fit_scikit_learn(source[:], start, iterations)
     initial = GaussianMixture.from_parameters(start["weights"], start["means"], start["covariances"])
-    settings = {"max_iterations": iterations, "tolerance": 0.0, "precision": contender}
+    precision: Precision = "double" if contender == "double" else "auto"
     compiled = standardised(series, min(rows, 25_000))
-    GaussianMixture(len(initial.weights_), max_iterations=1, precision=contender).fit(compiled, initial_mixture=initial)
-    mixture = GaussianMixture(len(initial.weights_), **settings)
+    GaussianMixture(len(initial.weights_), max_iterations=1, precision=precision).fit(compiled, initial_mixture=initial)
+    mixture = GaussianMixture(len(initial.weights_), max_iterations=iterations, tolerance=0.0, precision=precision)
     result = measured(lambda: {"fit": mixture.fit(source, initial_mixture=initial)})
     del result["fit"]
     passes = mixture.n_iterations_ + 1
