@@ -3,12 +3,33 @@
 from __future__ import annotations
 
 import inspect
+from abc import ABC, abstractmethod
 from typing import Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
+
+
+class RowSource(ABC):
+    """Rows that are made when they are asked for: `fit` takes one wherever an array would not fit into memory.
+
+    Attributes:
+        shape: (n_samples, n_features).
+    """
+
+    shape: tuple[int, int]
+
+    @abstractmethod
+    def __getitem__(self, index: slice | npt.NDArray[np.intp]) -> FloatArray:
+        """Return some of the rows, all of them finite, (n, n_features)."""
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+
+Rows = npt.NDArray[np.floating[Any]] | RowSource
 
 
 class Estimator:
@@ -68,7 +89,7 @@ class Estimator:
 
     def _rows(self, X: npt.ArrayLike) -> npt.NDArray[np.floating[Any]]:
         """Return rows that a fitted estimator can be asked about."""
-        rows = as_rows(X, "X")
+        rows = as_array(X, "X")
         if rows.shape[1] != self.n_features_in_:
             raise ValueError(
                 f"X has {rows.shape[1]} features, but {type(self).__name__} is expecting {self.n_features_in_} "
@@ -77,7 +98,31 @@ class Estimator:
         return rows
 
 
-def as_rows(values: npt.ArrayLike, name: str) -> npt.NDArray[np.floating[Any]]:
+def as_rows(values: npt.ArrayLike | RowSource, name: str) -> Rows:
+    """Return a source of rows as it is, and anything else as `as_array` does; see there."""
+    return values if isinstance(values, RowSource) else as_array(values, name)
+
+
+def as_sample_weights(values: npt.ArrayLike | None, n: int) -> FloatArray | None:
+    """Return weights of n rows (n,), 1 on average; None for None.
+
+    Raises:
+        ValueError: They have another shape, one is negative or not finite, or all are zero.
+    """
+    if values is None:
+        return None
+    weights = np.array(values, dtype=np.float64)
+    if weights.ndim != 1:
+        raise ValueError(f"Sample weights must be 1D array or scalar, found shape {weights.shape}")
+    if len(weights) != n:
+        raise ValueError(f"sample_weight.shape == {weights.shape}, expected ({n},)!")
+    if not np.isfinite(weights).all() or (weights < 0).any() or not weights.any():
+        raise ValueError("sample_weight must be finite, zero or positive, and not zero everywhere")
+    normalised: FloatArray = weights * (n / weights.sum())
+    return normalised
+
+
+def as_array(values: npt.ArrayLike, name: str) -> npt.NDArray[np.floating[Any]]:
     """Return `values` as a finite array of shape (n_samples, n_features), float32 and float64 uncopied.
 
     Args:

@@ -1,49 +1,92 @@
-"""Expectation maximisation of Gaussian mixtures with full covariances: E and M step in one pass over chunks of rows."""
+"""Expectation maximisation of Gaussian mixtures: E and M step in one pass over chunks of rows."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from .estimator import FloatArray
+from .densities import Parameters, bound_of, chunks, factorise, log_constants, plain, rounding_noise
+from .estimator import FloatArray, Rows
 
-Rows = npt.NDArray[np.floating[Any]]
+CovarianceType = Literal["full", "tied", "diagonal"]
 
-# Values in one array of a chunk: 512 kB of float64 stay in the cache from the E step to the M step.
-CHUNK_VALUES = 2**16
-# A responsibility below this vanishes in the rounding of the sums it would be added to.
-NEGLIGIBLE = 1e-16
+NARROW = 8
+"""Columns up to which a compiled loop is faster than BLAS."""
 
+SINGLE_ROWS = 20_000
+"""Rows from which on single precision pays."""
 
-@dataclass(frozen=True, slots=True)
-class Parameters:
-    """Weights (k,), means (k, d), covariances Σ = L Lᵀ (k, d, d), their lower factors L and L⁻¹ (k, d, d)."""
-
-    weights: FloatArray
-    means: FloatArray
-    covariances: FloatArray
-    factors: FloatArray
-    inverses: FloatArray
+SINGLE_NOISE = 1e-6
+"""Nats that rounding rows to float32 may change a row's log-likelihood by on average; beyond that it is float64."""
 
 
 @dataclass(frozen=True, slots=True)
+class Settings:
+    """How to run EM.
+
+    Attributes:
+        ridge: Added to each covariance's diagonal (d,).
+        covariance_type: As `GaussianMixture` has it.
+        max_iterations: Most M steps.
+        tolerance: EM ends when the mean log-likelihood of a row rises by less, in nats.
+        single: Whether float32 may be used where it is precise enough.
+        threads: Threads of a pass; the result is the same with any number.
+    """
+
+    ridge: FloatArray
+    covariance_type: CovarianceType = "full"
+    max_iterations: int = 200
+    tolerance: float = 1e-5
+    single: bool = False
+    threads: int = 1
+
+    def steps(self, most: int) -> Settings:
+        """Return the same with fewer M steps."""
+        return replace(self, max_iterations=min(most, self.max_iterations))
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """Rows (n, d) and how often each counts (n,), 1 on average; None counts each once."""
+
+    rows: Rows
+    weights: FloatArray | None = None
+
+    def weights_of(self, part: slice) -> FloatArray:
+        """Return the weights of some of the rows; none where each counts once."""
+        return np.empty(0) if self.weights is None else self.weights[part]
+
+
+@dataclass(slots=True)
 class Statistics:
     """What one pass over the rows leaves for the M step.
 
-    The moments are those of y = L⁻¹(x − μ), L and μ of the pass: `first` is Σ r y (k, d), `second` the lower triangle
-    of Σ r y yᵀ (k, d, d). In these coordinates every component is close to the unit ball whatever the units and the
-    condition of the data, so that centring them afterwards cancels nothing.
+    The moments are those of y = W(x − μ), W and μ of the pass: `first` is Σ r y (k, d), `second` the lower triangle of
+    Σ r y yᵀ (k, d, d). In these coordinates every component is close to the unit ball whatever the units and the
+    condition of the data, so that centring them afterwards cancels nothing, and float32 is enough for the products.
     """
 
     log_likelihood: float
     counts: FloatArray
     first: FloatArray
     second: FloatArray
+
+    @classmethod
+    def zeros(cls, k: int, d: int) -> Statistics:
+        """Return those of no rows."""
+        return cls(0.0, np.zeros(k), np.zeros((k, d)), np.zeros((k, d, d)))
+
+    def add(self, other: Statistics) -> None:
+        """Add those of other rows."""
+        self.log_likelihood += other.log_likelihood
+        self.counts += other.counts
+        self.first += other.first
+        self.second += other.second
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,30 +118,6 @@ def parameters_of(weights: npt.ArrayLike, means: npt.ArrayLike, covariances: npt
     return factorise(weights, means, covariances)
 
 
-def factorise(weights: FloatArray, means: FloatArray, covariances: FloatArray) -> Parameters:
-    """Return parameters of positive definite covariances, their factors and inverses computed once."""
-    from scipy.linalg.lapack import dtrtri
-
-    factors = np.linalg.cholesky(covariances)
-    inverses = np.array([dtrtri(factor, lower=1)[0] for factor in factors])
-    return Parameters(weights / weights.sum(), means, covariances, factors.astype(np.float64, copy=False), inverses)
-
-
-def chunks(rows: Rows, components: int = 1) -> Iterator[slice]:
-    """Yield slices over the rows so small that neither they nor their values by component exceed `CHUNK_VALUES`."""
-    n, d = rows.shape
-    step = max(CHUNK_VALUES // max(d, components), 64)
-    for start in range(0, n, step):
-        yield slice(start, min(start + step, n))
-
-
-def log_sum(joint: FloatArray) -> FloatArray:
-    """Return the log of the sum over the first axis of exponentials."""
-    top = joint.max(axis=0)
-    total: FloatArray = top + np.log(np.exp(joint - top).sum(axis=0))
-    return total
-
-
 def _is_positive_definite(matrix: FloatArray) -> bool:
     try:
         np.linalg.cholesky(matrix)
@@ -107,158 +126,158 @@ def _is_positive_definite(matrix: FloatArray) -> bool:
     return True
 
 
-def variances_of(rows: Rows) -> FloatArray:
+def variances_of(sample: Sample) -> FloatArray:
     """Return each channel's variance over all rows; 1 for a constant channel, which has no scale of its own."""
-    origin = rows[0].astype(np.float64)
-    mean = origin + sum((rows[part] - origin).sum(axis=0) for part in chunks(rows)) / len(rows)
-    total = sum(np.square(rows[part] - mean).sum(axis=0) for part in chunks(rows))
-    return np.where(total > 0, total / len(rows), 1.0)
+    rows, n = sample.rows, len(sample.rows)
+    origin = rows[:1][0].astype(np.float64)  # within a few deviations of the mean, so that little cancels
+    first, second = np.zeros_like(origin), np.zeros_like(origin)
+    for part in chunks(rows):
+        centred, weights = rows[part] - origin, sample.weights_of(part)
+        first += weights @ centred if len(weights) else centred.sum(axis=0)
+        np.square(centred, out=centred)
+        second += weights @ centred if len(weights) else centred.sum(axis=0)
+    variances = second / n - np.square(first / n)
+    return np.where(variances > 0, variances, 1.0)
 
 
-def log_joint(rows: Rows, parameters: Parameters) -> tuple[FloatArray, list[FloatArray]]:
-    """Return log p_k g_k(x) (k, n), and by component the whitened columns L⁻¹(x − μ), each (d, n).
+def maximise(sample: Sample, start: Parameters, settings: Settings) -> Run:
+    """Run EM from `start` until the mean log-likelihood of a row rises by less than the tolerance.
 
-    Samples are columns here: whatever is done to one row of such an array runs along memory.
+    It begins in single precision where that is allowed and pays, and goes over to double precision as soon as
+    rounding would show: where covariances are too ill-conditioned, or a likelihood fell.
     """
-    from scipy.linalg.blas import dtrmm
-
-    columns = np.ascontiguousarray(rows.T, dtype=np.float64)
-    d, n = columns.shape
-    joint = np.empty((len(parameters.weights), n))
-    whitened: list[FloatArray] = []
-    for k, inverse in enumerate(parameters.inverses):
-        y = dtrmm(1.0, inverse.T, (columns - parameters.means[k][:, None]).T, side=1, overwrite_b=1).T
-        whitened.append(y)
-        log_determinant = -np.log(np.diagonal(inverse)).sum()
-        constant = math.log(parameters.weights[k]) - 0.5 * d * math.log(2 * math.pi) - log_determinant
-        joint[k] = constant - 0.5 * np.einsum("ij,ij->j", y, y)
-    return joint, whitened
-
-
-def maximise(rows: Rows, start: Parameters, ridge: FloatArray, max_iterations: int, tolerance: float) -> Run:
-    """Run EM from `start` until the mean log-likelihood of a row rises by less than `tolerance`.
-
-    Args:
-        rows: Shape (n, d).
-        start: Where to start.
-        ridge: Added to each covariance's diagonal, shape (d,).
-        max_iterations: Most M steps.
-        tolerance: In nats.
-    """
-    parameters, statistics = start, _pass(rows, start)
+    single = settings.single and sample.rows.shape[1] > NARROW and len(sample.rows) >= SINGLE_ROWS
+    parameters = _rounded(start) if single else start
+    single = parameters.precision == np.float32
+    statistics = _pass(sample, parameters, settings.threads)
     log_likelihoods = [statistics.log_likelihood]
-    for _ in range(max_iterations):
-        candidate, dropped = _update(parameters, statistics, ridge)
-        outcome = _pass(rows, candidate)
+    for _ in range(settings.max_iterations):
+        candidate, dropped = _update(parameters, statistics, settings)
+        if single:
+            candidate = _rounded(candidate)
+            single = candidate.precision == np.float32
+        outcome = _pass(sample, candidate, settings.threads)
         if dropped:
             parameters, statistics, log_likelihoods = candidate, outcome, [outcome.log_likelihood]
             continue
         rise = outcome.log_likelihood - log_likelihoods[-1]
+        if rise < 0 and single:
+            single, parameters = False, _doubled(parameters)
+            statistics = _pass(sample, parameters, settings.threads)
+            log_likelihoods[-1] = statistics.log_likelihood
+            continue
         if rise >= 0:
             parameters, statistics = candidate, outcome
             log_likelihoods.append(outcome.log_likelihood)
-        if rise < tolerance:
+        if rise < settings.tolerance:
             return Run(parameters, log_likelihoods, converged=True)
     return Run(parameters, log_likelihoods, converged=False)
 
 
-def step(rows: Rows, parameters: Parameters, ridge: FloatArray) -> Parameters:
+def step(sample: Sample, parameters: Parameters, settings: Settings) -> Parameters:
     """Return one E and M step from `parameters`."""
-    return _update(parameters, _pass(rows, parameters), ridge)[0]
+    return _update(parameters, _pass(sample, parameters, settings.threads), settings)[0]
 
 
-def _pass(rows: Rows, parameters: Parameters) -> Statistics:
-    """Return the likelihood of the parameters and the sums that the next M step needs."""
-    from scipy.linalg.blas import dsyrk
-
-    n, d = rows.shape
-    k = len(parameters.weights)
-    log_likelihood, counts, first = 0.0, np.zeros(k), np.zeros((k, d))
-    second = [np.zeros((d, d), order="F") for _ in range(k)]
-    for part in chunks(rows, k):
-        joint, whitened = log_joint(rows[part], parameters)
-        totals = log_sum(joint)
-        log_likelihood += float(totals.sum())
-        for component, (responsibilities, y) in enumerate(zip(np.exp(joint - totals), whitened, strict=True)):
-            own = np.flatnonzero(responsibilities > NEGLIGIBLE)
-            if not own.size:  # BLAS takes no empty matrix
-                continue
-            r = responsibilities[own]
-            root = np.sqrt(r)
-            weighted = y[:, own] * root
-            counts[component] += r.sum()
-            first[component] += weighted @ root
-            second[component] = dsyrk(1.0, weighted.T, beta=1.0, c=second[component], trans=1, lower=1, overwrite_c=1)
-    return Statistics(log_likelihood / n, counts, first, np.array(second))
+def moments_of(sample: Sample, responsibilities: npt.NDArray[np.floating[Any]], settings: Settings) -> Parameters:
+    """Return the M step from given responsibilities (n, k): each component's moments about its own mean."""
+    rows = sample.rows
+    if sample.weights is not None:
+        responsibilities = responsibilities * sample.weights[:, None]
+    counts = responsibilities.sum(axis=0, dtype=np.float64)
+    occupied = counts > 0
+    responsibilities, counts = responsibilities[:, occupied], counts[occupied]
+    k, d = len(counts), rows.shape[1]
+    means, second = np.zeros((k, d)), np.zeros((k, d, d))
+    for part in chunks(rows):
+        means += responsibilities[part].T @ rows[part].astype(np.float64) / counts[:, None]
+    for part in chunks(rows):
+        chunk = rows[part]
+        for component in range(k):
+            own = np.flatnonzero(responsibilities[part, component])
+            centred = chunk[own] - means[component]
+            second[component] += (responsibilities[part][own, component, None] * centred).T @ centred
+    unit = np.broadcast_to(np.eye(d), (k, d, d))
+    start = Parameters(counts / counts.sum(), means, unit, unit, unit, np.dtype(np.float64))
+    return _update(start, Statistics(math.nan, counts, np.zeros((k, d)), second), settings)[0]
 
 
-def _update(parameters: Parameters, statistics: Statistics, ridge: FloatArray) -> tuple[Parameters, int]:
+def _rounded(parameters: Parameters) -> Parameters:
+    """Return the parameters in single precision, or as they are where that is not precise enough for the data."""
+    single = factorise(parameters.weights, parameters.means, parameters.covariances, np.float32)
+    return single if 0.5 * rounding_noise(single) < SINGLE_NOISE else parameters
+
+
+def _doubled(parameters: Parameters) -> Parameters:
+    return factorise(parameters.weights, parameters.means, parameters.covariances)
+
+
+def _pass(sample: Sample, parameters: Parameters, threads: int) -> Statistics:
+    """Return the mean log-likelihood of a row under the parameters and the sums that the next M step needs."""
+    from .narrow_rows import narrow_pass
+    from .wide_rows import wide_pass
+
+    k, d = parameters.means.shape
+    constants = log_constants(parameters.weights, parameters.inverses)
+    inverses = parameters.inverses.astype(parameters.precision)
+    bound = bound_of(parameters)
+
+    def work(part: slice) -> Statistics:
+        sums = Statistics.zeros(k, d)
+        rows, weights = plain(sample.rows[part]), plain(sample.weights_of(part))
+        model, into = (parameters.means, inverses, constants), (sums.counts, sums.first, sums.second)
+        if d <= NARROW:
+            sums.log_likelihood = narrow_pass(rows, weights, *model, *into)
+        else:
+            sums.log_likelihood = wide_pass(rows, weights, *model, bound, parameters.negligible, *into)
+        return sums
+
+    total = Statistics.zeros(k, d)
+    for sums in _in_order(work, list(chunks(sample.rows, k)), threads):
+        total.add(sums)
+    total.log_likelihood /= len(sample.rows)
+    return total
+
+
+def _in_order(work: Callable[[slice], Statistics], parts: list[slice], threads: int) -> Iterator[Statistics]:
+    """Yield the results in the order of the parts, so that sums of them are the same with any number of threads."""
+    if threads == 1 or len(parts) == 1:
+        yield from map(work, parts)
+        return
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(threads) as pool:
+        yield from pool.map(work, parts)
+
+
+def _update(parameters: Parameters, statistics: Statistics, settings: Settings) -> tuple[Parameters, int]:
     """Return the M step's parameters and the number of components dropped on the way.
 
     Of several components with fewer rows than a covariance needs only the smallest goes at a time: what it leaves may
     be what the others lack.
     """
     k, d = parameters.means.shape
-    kept = statistics.counts >= 1
-    if k > 1 and statistics.counts.min() < d + 1:
-        kept[statistics.counts.argmin()] = False
-    found: list[tuple[float, FloatArray, FloatArray]] = []
-    for component in np.flatnonzero(kept):
-        count, factor = statistics.counts[component], parameters.factors[component]
-        shift = statistics.first[component] / count
-        lower = np.tril(statistics.second[component])
-        moment = (lower + np.tril(lower, -1).T) / count - np.outer(shift, shift)
-        covariance = factor @ moment @ factor.T
-        covariance = 0.5 * (covariance + covariance.T) + np.diag(ridge)
-        if _is_positive_definite(covariance):
-            found.append((count, parameters.means[component] + factor @ shift, covariance))
-    if not found:
+    counts = statistics.counts
+    kept = counts >= 1
+    if k > 1 and counts.min() < {"full": d + 1, "diagonal": 2, "tied": 1}[settings.covariance_type]:
+        kept[counts.argmin()] = False
+    shifts = statistics.first / np.maximum(counts, 1.0)[:, None]
+    lower = np.tril(statistics.second)
+    moments = (lower + np.tril(lower, -1).transpose(0, 2, 1)) / np.maximum(counts, 1.0)[:, None, None]
+    moments -= shifts[:, :, None] * shifts[:, None, :]
+    means = parameters.means + np.einsum("kij,kj->ki", parameters.factors, shifts)
+    covariances = parameters.factors @ moments @ parameters.factors.transpose(0, 2, 1)
+    covariances = 0.5 * (covariances + covariances.transpose(0, 2, 1))
+    if settings.covariance_type == "diagonal":
+        covariances *= np.eye(d)
+    elif settings.covariance_type == "tied" and kept.any():
+        pooled = np.tensordot(counts[kept], covariances[kept], axes=1) / counts[kept].sum()
+        covariances = np.repeat(pooled[None], k, axis=0)
+    covariances += np.diag(settings.ridge)
+    kept &= [_is_positive_definite(covariance) for covariance in covariances]
+    if not kept.any():
         raise ValueError(
             "no component has a positive definite covariance: columns depend on each other, or there are fewer rows "
             "than columns; raise covariance_regularisation or leave such columns out"
         )
-    counts, means, covariances = (np.array(values) for values in zip(*found, strict=True))
-    return factorise(counts, means, covariances), k - len(found)
-
-
-def moments_of(rows: Rows, responsibilities: Rows, ridge: FloatArray) -> Parameters:
-    """Return the M step from given responsibilities (n, k): each component's moments about its own mean."""
-    (n, d), k = rows.shape, responsibilities.shape[1]
-    counts = responsibilities.sum(axis=0, dtype=np.float64)
-    occupied = counts > 0
-    responsibilities, counts, k = responsibilities[:, occupied], counts[occupied], int(occupied.sum())
-    means, second = np.zeros((k, d)), np.zeros((k, d, d))
-    for part in chunks(rows):
-        means += responsibilities[part].T @ rows[part].astype(np.float64) / counts[:, None]
-    for part in chunks(rows):
-        for component in range(k):
-            centred = rows[part] - means[component]
-            second[component] += (responsibilities[part, component, None] * centred).T @ centred
-    unit = np.broadcast_to(np.eye(d), (k, d, d))
-    start = Parameters(counts / n, means, unit, unit, unit)
-    return _update(start, Statistics(math.nan, counts, np.zeros((k, d)), second), ridge)[0]
-
-
-def k_means(rows: Rows, k: int, generator: np.random.Generator, iterations: int = 30) -> npt.NDArray[np.intp]:
-    """Return the labels of k-means from 0, shape (n,): a k-means++ start, then Lloyd's steps until they settle."""
-    rows = rows - rows.mean(axis=0)
-    squares = np.einsum("ij,ij->i", rows, rows)
-    centres = rows[[generator.integers(len(rows))]]
-    nearest = np.full(len(rows), np.inf)
-    for _ in range(1, k):
-        nearest = np.minimum(nearest, np.square(rows - centres[-1]).sum(axis=1))
-        far = np.cumsum(nearest)
-        centres = np.vstack(
-            [centres, rows[np.searchsorted(far, generator.random() * far[-1], side="right") % len(rows)]]
-        )
-    labels = np.full(len(rows), -1, dtype=np.intp)
-    for _ in range(iterations):
-        distances = squares[:, None] - 2.0 * rows @ centres.T + np.einsum("ij,ij->i", centres, centres)
-        previous, labels = labels, distances.argmin(axis=1)
-        if (labels == previous).all():
-            break
-        for cluster in range(k):
-            own = labels == cluster
-            if own.any():
-                centres[cluster] = rows[own].mean(axis=0)
-    return labels
+    return factorise(counts[kept], means[kept], covariances[kept]), k - int(kept.sum())

@@ -1,54 +1,64 @@
-"""Gaussian mixtures with full covariances, fitted by expectation maximisation (MP eqs. 4 to 7, PP eqs. 5 to 9)."""
+"""Gaussian mixtures fitted by expectation maximisation (MP eqs. 4 to 7, PP eqs. 5 to 9)."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, ClassVar, Literal, Self
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from .estimator import Estimator, FloatArray, as_rows
+from .densities import NOTHING, Parameters, bound_of, chunks, log_joint, log_sum
+from .estimator import Estimator, FloatArray, RowSource, as_array, as_rows, as_sample_weights
 from .expectation_maximisation import (
-    Parameters,
-    Rows,
-    Run,
-    chunks,
-    k_means,
-    log_joint,
-    log_sum,
+    CovarianceType,
+    Sample,
+    Settings,
     maximise,
     moments_of,
     parameters_of,
-    step,
     variances_of,
 )
+from .starts import StartKind, search
+
+if TYPE_CHECKING:
+    from .wide_rows import Bound
 
 ParameterCount = Literal["full", "paper"]
-
-# k-means and the choice among starts see at most this many rows.
-START_ROWS = 20_000
+Precision = Literal["auto", "double"]
 
 
 class GaussianMixture(Estimator):
-    """A mixture of k Gaussians with full covariances.
+    """A mixture of k Gaussians.
 
-    `fit` follows scikit-learn's conventions and gives its numbers from the same start. The start is the most likely of
-    `n_starts` runs of k-means and EM on at most 20,000 rows; EM on all rows begins with its responsibilities. E and M
-    step are one pass in chunks of rows, so that beside `X` a few megabytes are needed.
+    `fit` follows scikit-learn's conventions and gives its numbers from the same start. The start is found on at most
+    20,000 rows, where each of `n_starts` k-means or random starts is followed by EM; the best three compete for a few
+    steps on all rows. E and M step are one pass in chunks of rows, so that beside `X` some 30 megabytes are needed, and
+    `X` may be a `RowSource`, whose rows are made chunk by chunk.
 
-    A component is dropped when it has collapsed: fewer effective rows (sum of responsibilities) than `n_features + 1`,
-    so that its covariance is made of regularisation alone in some direction, or a covariance that is not positive
-    definite. `weights_` is then shorter than `n_components`; the last component is never dropped.
+    A component is dropped when it has collapsed: fewer effective rows (sum of responsibilities) than `n_features + 1`
+    (2 where covariances are diagonal, 1 where they are tied), so that its covariance is made of regularisation alone in
+    some direction, or a covariance that is not positive definite. `weights_` is then shorter than `n_components`; the
+    last component is never dropped.
+
+    With many columns and rows the products of a pass are computed in single precision, in coordinates where every
+    component is the unit ball, and summed up in double precision. The log-likelihood is then right to 1e-7 or so; where
+    the covariances are too ill-conditioned for that, or a likelihood falls, EM goes on in double precision.
 
     Args:
         n_components: Number k of components.
+        covariance_type: "full"; "tied", the same for all components; or "diagonal". `covariances_` has one shape.
         covariance_regularisation: Added to each covariance's diagonal, in units of the variance of that channel over
             all rows (of 1 where a channel is constant): a change of units changes nothing.
-        n_starts: Number of random starts.
+        start: "k-means", or "random" responsibilities.
+        n_starts: Number of starts.
         max_iterations: Most M steps, on the rows of the starts and on all rows each.
         tolerance: EM ends when the mean log-likelihood of a row rises by less, in nats.
+        warm_start: Whether a further `fit` begins where the one before ended.
+        precision: "double" allows no single precision.
+        threads: Threads of a pass. They change the time, not the result.
         random_state: Seed or generator of the starts; None draws another start each time.
 
     Attributes:
@@ -76,17 +86,27 @@ class GaussianMixture(Estimator):
         self,
         n_components: int = 1,
         *,
+        covariance_type: CovarianceType = "full",
         covariance_regularisation: float = 1e-6,
+        start: StartKind = "k-means",
         n_starts: int = 1,
         max_iterations: int = 200,
         tolerance: float = 1e-5,
+        warm_start: bool = False,
+        precision: Precision = "auto",
+        threads: int = 1,
         random_state: int | np.random.Generator | None = 0,
     ) -> None:
         self.n_components = n_components
+        self.covariance_type = covariance_type
         self.covariance_regularisation = covariance_regularisation
+        self.start = start
         self.n_starts = n_starts
         self.max_iterations = max_iterations
         self.tolerance = tolerance
+        self.warm_start = warm_start
+        self.precision = precision
+        self.threads = threads
         self.random_state = random_state
 
     @classmethod
@@ -113,8 +133,9 @@ class GaussianMixture(Estimator):
 
     def fit(
         self,
-        X: npt.ArrayLike,
+        X: npt.ArrayLike | RowSource,
         y: object = None,  # noqa: ARG002 - part of scikit-learn's protocol
+        sample_weight: npt.ArrayLike | None = None,
         *,
         initial_responsibilities: npt.ArrayLike | None = None,
         initial_mixture: GaussianMixture | None = None,
@@ -124,6 +145,7 @@ class GaussianMixture(Estimator):
         Args:
             X: Rows, shape (n_samples, n_features), float32 or float64 in any units; never copied as a whole.
             y: Ignored.
+            sample_weight: How often each row counts, shape (n_samples,), zero or positive; only ratios matter.
             initial_responsibilities: Start from an M step with these, shape (n_samples, n_components), rows of sum 1.
             initial_mixture: Start from this fitted mixture.
 
@@ -131,6 +153,7 @@ class GaussianMixture(Estimator):
             ValueError: A setting, shape or value is not usable; there are fewer rows than components; or, without
                 regularisation, no component keeps a positive definite covariance.
         """
+        import scipy.linalg.blas  # noqa: F401 - loads scipy's own BLAS, which is limited only where it is loaded
         from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no types
 
         self._check_settings()
@@ -141,32 +164,36 @@ class GaussianMixture(Estimator):
                 f"Expected n_samples >= n_components but got n_components = {self.n_components}, n_samples = {n}: "
                 f"a minimum of {self.n_components} is required."
             )
+        if initial_mixture is None and self.warm_start and hasattr(self, "means_"):
+            initial_mixture = self
         if initial_mixture is not None and initial_mixture.n_features_in_ != rows.shape[1]:
             raise ValueError(
                 f"X has {rows.shape[1]} features, but initial_mixture has {initial_mixture.n_features_in_}"
             )
         responsibilities = None
         if initial_responsibilities is not None:
-            responsibilities = as_rows(initial_responsibilities, "initial_responsibilities")
-            if responsibilities.shape != (n, self.n_components):
-                raise ValueError(
-                    f"initial_responsibilities must have the shape {(n, self.n_components)}, "
-                    f"found {responsibilities.shape}"
-                )
-            if (responsibilities < 0).any() or not np.allclose(responsibilities.sum(axis=1), 1.0, atol=1e-6):
-                raise ValueError("initial_responsibilities must be positive, and their sum 1 in every row")
-        # BLAS threads spin while they wait: on a busy machine two of them are slower than one by a factor of ten, and
-        # fits run side by side as tasks anyway.
+            responsibilities = self._check_responsibilities(initial_responsibilities, n)
+        sample = Sample(rows, as_sample_weights(sample_weight, n))
+        # BLAS threads spin while they wait: on a busy machine two of them are slower than one by a factor of ten.
         with threadpool_limits(1, user_api="blas"):
-            variances = variances_of(rows)
-            ridge = self.covariance_regularisation * variances
+            variances = variances_of(sample)
+            settings = Settings(
+                self.covariance_regularisation * variances,
+                self.covariance_type,
+                self.max_iterations,
+                self.tolerance,
+                single=self.precision == "auto",
+                threads=self.threads,
+            )
             if initial_mixture is not None:
                 start = parameters_of(initial_mixture.weights_, initial_mixture.means_, initial_mixture.covariances_)
             elif responsibilities is not None:
-                start = moments_of(rows, responsibilities, ridge)
+                start = moments_of(sample, responsibilities, settings)
             else:
-                start = self._search(rows, np.sqrt(variances), ridge)
-            run = maximise(rows, start, ridge, self.max_iterations, self.tolerance)
+                generator = np.random.default_rng(self.random_state)
+                scale = np.sqrt(variances)
+                start = search(sample, self.n_components, self.start, self.n_starts, scale, settings, generator)
+            run = maximise(sample, start, settings)
         self._keep(run.parameters)
         self.log_likelihoods_, self.converged_ = np.array(run.log_likelihoods), run.converged
         self.n_iterations_ = len(self.log_likelihoods_) - 1
@@ -174,20 +201,26 @@ class GaussianMixture(Estimator):
 
     def score_samples(self, X: npt.ArrayLike) -> FloatArray:
         """Return the log density of each row in nats (log of MP eq. 4), shape (n_samples,)."""
-        return log_sum(self.log_joint(X).T)
+        return log_sum(self._log_joint(X, NOTHING))
 
-    def score(self, X: npt.ArrayLike, y: object = None) -> float:  # noqa: ARG002 - part of scikit-learn's protocol
-        """Return the mean log density of a row in nats."""
-        return float(self.score_samples(X).mean())
+    def score(
+        self,
+        X: npt.ArrayLike,
+        y: object = None,  # noqa: ARG002 - part of scikit-learn's protocol
+        sample_weight: npt.ArrayLike | None = None,
+    ) -> float:
+        """Return the mean log density of a row in nats, rows weighted as in `fit`."""
+        densities = self.score_samples(X)
+        return float(np.average(densities, weights=as_sample_weights(sample_weight, len(densities))))
 
     def predict_proba(self, X: npt.ArrayLike) -> FloatArray:
         """Return each row's posterior responsibilities (MP eq. 7), shape (n_samples, k)."""
-        joint = self.log_joint(X)
-        return np.exp(joint - log_sum(joint.T)[:, None])
+        joint = self._log_joint(X, NOTHING)
+        return np.exp(joint - log_sum(joint)[:, None])
 
     def predict(self, X: npt.ArrayLike) -> npt.NDArray[np.intp]:
         """Return each row's most probable component from 0 (MP eq. 6, PP eq. 9), shape (n_samples,)."""
-        labels: npt.NDArray[np.intp] = self.log_joint(X).argmax(axis=1)
+        labels: npt.NDArray[np.intp] = self._log_joint(X, NOTHING).argmax(axis=1)
         return labels
 
     def log_joint(self, X: npt.ArrayLike) -> FloatArray:
@@ -196,12 +229,18 @@ class GaussianMixture(Estimator):
         Raises:
             ValueError: The mixture is not fitted, or the rows have another number of columns or missing values.
         """
+        return self._log_joint(X, math.inf)
+
+    @property
+    def inverses(self) -> FloatArray:
+        """Lower triangular W of each component, Wᵀ W = Σ⁻¹ (k, n_features, n_features)."""
         self._require_fit("means_")
-        rows = self._rows(X)
-        joint = np.empty((len(rows), len(self.weights_)))
-        for part in chunks(rows, len(self.weights_)):
-            joint[part] = log_joint(rows[part], self._parameters)[0].T
-        return joint
+        return self._parameters.inverses
+
+    def bound(self, precision: npt.DTypeLike = np.float64) -> Bound:
+        """Return what bounds the log densities of components cheaply, see `wide_rows.Bound`."""
+        self._require_fit("means_")
+        return bound_of(replace(self._parameters, precision=np.dtype(precision)))
 
     def sample(
         self, n_samples: int = 1, random_state: int | np.random.Generator | None = 0
@@ -224,12 +263,16 @@ class GaussianMixture(Estimator):
         """Return the number of free parameters that BIC and AIC charge for.
 
         Args:
-            parameter_count: "full" counts weights, means and covariances, k − 1 + kd + kd(d + 1)/2; "paper" is
-                2k + kd of PP eq. 8, which charges one figure for a covariance.
+            parameter_count: "full" counts weights, means and covariances, k − 1 + kd + kd(d + 1)/2, where the last
+                term is d(d + 1)/2 if covariances are tied and kd if they are diagonal; "paper" is 2k + kd of PP eq. 8,
+                which charges one figure for a covariance.
         """
         self._require_fit("means_")
         k, d = len(self.weights_), self.n_features_in_
-        return 2 * k + k * d if parameter_count == "paper" else k - 1 + k * d + k * d * (d + 1) // 2
+        if parameter_count == "paper":
+            return 2 * k + k * d
+        triangle = d * (d + 1) // 2
+        return k - 1 + k * d + {"full": k * triangle, "tied": triangle, "diagonal": k * d}[self.covariance_type]
 
     def bic(self, X: npt.ArrayLike, parameter_count: ParameterCount = "full") -> float:
         """Return −2 log L + p log n (−2 times PP eq. 8); the lower, the better."""
@@ -245,7 +288,10 @@ class GaussianMixture(Estimator):
         self._require_fit("means_")
         index = np.asarray(dimensions, dtype=np.intp)
         return GaussianMixture.from_parameters(
-            self.weights_, self.means_[:, index], self.covariances_[:, index[:, None], index]
+            self.weights_,
+            self.means_[:, index],
+            self.covariances_[:, index[:, None], index],
+            covariance_type=self.covariance_type,
         )
 
     def _check_settings(self) -> None:
@@ -253,29 +299,37 @@ class GaussianMixture(Estimator):
             f"{name} must be {need}, found {getattr(self, name)!r}"
             for name, need, good in (
                 ("n_components", "at least 1", self.n_components >= 1),
+                ("covariance_type", "full, tied or diagonal", self.covariance_type in get_args(CovarianceType)),
                 ("covariance_regularisation", "zero or positive", self.covariance_regularisation >= 0),
+                ("start", "k-means or random", self.start in get_args(StartKind)),
                 ("n_starts", "at least 1", self.n_starts >= 1),
                 ("max_iterations", "zero or positive", self.max_iterations >= 0),
                 ("tolerance", "zero or positive", self.tolerance >= 0),
+                ("precision", "auto or double", self.precision in get_args(Precision)),
+                ("threads", "at least 1", self.threads >= 1),
             )
             if not good
         ]
         if wrong:
             raise ValueError("; ".join(wrong))
 
-    def _search(self, rows: Rows, scale: FloatArray, ridge: FloatArray) -> Parameters:
-        """Return where EM begins: an M step with the responsibilities of the most likely of `n_starts` mixtures."""
-        generator = np.random.default_rng(self.random_state)
-        part = rows
-        if len(rows) > START_ROWS:
-            part = rows[np.sort(generator.choice(len(rows), START_ROWS, replace=False))]
-        runs: list[Run] = []
-        for _ in range(self.n_starts):
-            labels = k_means(part / scale, self.n_components, generator)
-            start = moments_of(part, np.eye(self.n_components)[labels], ridge)
-            runs.append(maximise(part, start, ridge, self.max_iterations, self.tolerance))
-        best = max(runs, key=lambda run: run.log_likelihoods[-1]).parameters
-        return best if part is rows else step(rows, best, ridge)
+    def _check_responsibilities(self, values: npt.ArrayLike, n: int) -> npt.NDArray[np.floating[Any]]:
+        responsibilities = as_array(values, "initial_responsibilities")
+        if responsibilities.shape != (n, self.n_components):
+            raise ValueError(
+                f"initial_responsibilities must have the shape {(n, self.n_components)}, found {responsibilities.shape}"
+            )
+        if (responsibilities < 0).any() or not np.allclose(responsibilities.sum(axis=1), 1.0, atol=1e-6):
+            raise ValueError("initial_responsibilities must be positive, and their sum 1 in every row")
+        return responsibilities
+
+    def _log_joint(self, X: npt.ArrayLike, cutoff: float) -> FloatArray:
+        self._require_fit("means_")
+        rows = self._rows(X)
+        joint = np.empty((len(rows), len(self.weights_)))
+        for part in chunks(rows, len(self.weights_)):
+            joint[part] = log_joint(rows[part], self._parameters, cutoff)
+        return joint
 
     def _keep(self, parameters: Parameters) -> None:
         self._parameters = parameters

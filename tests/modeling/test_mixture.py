@@ -116,6 +116,7 @@ def test_many_rows_start_from_a_part_of_them_and_are_not_copied() -> None:
 
     truth = GaussianMixture.from_parameters([0.3, 0.7], [[0.0] * 12, [3.0] * 12], [np.eye(12), 2 * np.eye(12)])
     rows = truth.sample(60_000, 1)[0].astype(np.float32)
+    GaussianMixture(2, max_iterations=1).fit(rows)  # what is compiled is no memory of the rows
     tracemalloc.start()
     mixture = GaussianMixture(2).fit(rows)
     peak = tracemalloc.get_traced_memory()[1]
@@ -124,7 +125,7 @@ def test_many_rows_start_from_a_part_of_them_and_are_not_copied() -> None:
     np.testing.assert_allclose(mixture.weights_[order], truth.weights_, atol=0.01)
     np.testing.assert_allclose(mixture.means_[order], truth.means_, atol=0.05)
     np.testing.assert_allclose(mixture.covariances_[order], truth.covariances_, atol=0.06)
-    assert peak < 25e6  # the rows as float64, twice over for two components, would be 11.5 MB more
+    assert peak < 11e6  # the rows as float64, twice over for two components, would be 11.5 MB
 
 
 def test_sample_and_fit_again_finds_the_parameters() -> None:
@@ -328,8 +329,9 @@ def test_clone_and_parameters_follow_scikit_learn() -> None:
     with pytest.raises(ValueError, match=r"^GaussianMixture has no parameter components; its parameters are n_comp"):
         copy.set_params(components=3)
     assert repr(GaussianMixture(2)) == (
-        "GaussianMixture(n_components=2, covariance_regularisation=1e-06, n_starts=1, max_iterations=200, "
-        "tolerance=1e-05, random_state=0)"
+        "GaussianMixture(n_components=2, covariance_type='full', covariance_regularisation=1e-06, start='k-means', "
+        "n_starts=1, max_iterations=200, tolerance=1e-05, warm_start=False, precision='auto', threads=1, "
+        "random_state=0)"
     )
 
 

@@ -223,3 +223,27 @@ def test_passes_scikit_learns_own_estimator_checks() -> None:
     assert [result["check_name"] for result in results if result["status"] == "failed"] == []
     assert sum(result["status"] == "passed" for result in results) > 40
     assert clone(MixtureRegression(2, faithful=True)).get_params()["faithful"] is True
+
+
+def test_one_row_is_as_many() -> None:
+    mixture = random_mixture(20, 60, 3)
+    X = mixture.sample(40, 3)[0][:, :55]
+    for faithful in (False, True):
+        regression = MixtureRegression.from_mixture(mixture, range(55), range(55, 60), faithful=faithful)
+        mean, sd = regression.predict(X, return_sd=True)
+        single_mean, single_sd = regression.predict(X, return_sd=True, single=True)
+        for row, x in enumerate(X):
+            one, one_sd = regression.predict_one(x)
+            np.testing.assert_allclose(one, mean[row], rtol=1e-10, atol=1e-10)
+            np.testing.assert_allclose(one_sd, sd[row], rtol=1e-10)
+        assert (np.abs(single_mean - mean) / sd).max() < 1e-2
+        np.testing.assert_allclose(single_sd, sd, rtol=1e-2)
+
+
+def test_domain_probability_is_uniform_for_what_was_learnt_and_zero_outside() -> None:
+    mixture = random_mixture(21, 4, 3, spread=20.0)
+    regression = MixtureRegression.from_mixture(mixture, [0, 1, 2], [3])
+    X = mixture.sample(20_000, 4)[0][:, :3]
+    shares = regression.domain_probability(X)
+    np.testing.assert_allclose(np.quantile(shares, [0.1, 0.5, 0.9]), [0.1, 0.5, 0.9], atol=0.02)
+    assert regression.domain_probability(X[:1] + 1e4)[0] < 1e-12

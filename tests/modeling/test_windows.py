@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wheelprint.dataset.folds import deal_folds, training_mask
-from wheelprint.modeling.windows import Series, cut_windows, window_centres
+from wheelprint.modeling.windows import Series, WindowRows, cut_windows, window_centres
 from wheelprint.schemas.tables import DATASET
 
 TICK = 100_000_000
@@ -140,3 +140,17 @@ def test_no_windows() -> None:
     windows = cut_windows(series, centres, 1, 4)
     assert windows.inputs.shape == (0, 14)
     assert windows.outputs.shape == (0, 4)
+
+
+@pytest.mark.parametrize("past_steps", [-1, 0, 2])
+def test_rows_cut_when_asked_for_are_inputs_and_outputs_side_by_side(past_steps: int) -> None:
+    series = straight(30)
+    centres = window_centres(series.stretch, series.has_path_and_steering, 2, 5)
+    windows = cut_windows(series, centres, past_steps, 5)
+    rows = WindowRows(series, centres, past_steps, 5)
+    expected = np.concatenate([windows.inputs, windows.outputs], axis=1)
+    assert rows.shape == expected.shape
+    assert len(rows) == len(centres)
+    np.testing.assert_array_equal(rows[:], expected)
+    np.testing.assert_array_equal(rows[3:9], expected[3:9])
+    np.testing.assert_array_equal(rows[np.array([7, 2])], expected[[7, 2]])

@@ -1,0 +1,114 @@
+"""Where expectation maximisation begins: several starts on a part of the rows, the best of them on all."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from .densities import Parameters
+from .estimator import FloatArray
+from .expectation_maximisation import Run, Sample, Settings, maximise, moments_of, step
+
+StartKind = Literal["k-means", "random"]
+
+START_ROWS = 20_000
+"""Most rows that a start sees."""
+
+FINALISTS = 3
+"""Starts that are followed on all rows."""
+
+FINAL_STEPS = 5
+"""M steps on all rows after which the most likely finalist goes on alone."""
+
+
+def search(
+    sample: Sample,
+    components: int,
+    kind: StartKind,
+    starts: int,
+    scale: FloatArray,
+    settings: Settings,
+    generator: np.random.Generator,
+) -> Parameters:
+    """Return where EM on all rows begins.
+
+    Each start runs EM to its end on at most `START_ROWS` rows. On these the best few differ by chance, so that they
+    first compete on all rows for a few steps.
+
+    Args:
+        sample: All rows (n, d).
+        components: k.
+        kind: Labels of k-means of the scaled rows, or random responsibilities.
+        starts: How many.
+        scale: Standard deviation of each channel (d,).
+        settings: Of EM.
+        generator: Source of all choices.
+    """
+    part = sample
+    n = len(sample.rows)
+    if n > START_ROWS:
+        chosen = np.sort(generator.choice(n, START_ROWS, replace=False))
+        weights = None if sample.weights is None else sample.weights[chosen]
+        part = Sample(sample.rows[chosen], weights)
+    rows = part.rows[:]
+    weights = np.ones(len(rows)) if part.weights is None else part.weights
+    runs: list[Run] = []
+    for _ in range(starts):
+        if kind == "k-means":
+            responsibilities = np.eye(components)[k_means(rows / scale, weights, components, generator)]
+        else:
+            responsibilities = generator.dirichlet(np.ones(components), len(rows))
+        runs.append(maximise(part, moments_of(part, responsibilities, settings), settings))
+    runs.sort(key=lambda run: run.log_likelihoods[-1], reverse=True)
+    if part is sample:
+        return runs[0].parameters
+    best = [step(sample, run.parameters, settings) for run in runs[:FINALISTS]]
+    if len(best) == 1:
+        return best[0]
+    few = settings.steps(FINAL_STEPS)
+    finals = [maximise(sample, parameters, few) for parameters in best]
+    return max(finals, key=lambda run: run.log_likelihoods[-1]).parameters
+
+
+def k_means(
+    rows: npt.NDArray[np.floating[Any]],
+    weights: FloatArray,
+    k: int,
+    generator: np.random.Generator,
+    iterations: int = 30,
+) -> npt.NDArray[np.intp]:
+    """Return the labels of k-means from 0, shape (n,): a k-means++ start, then Lloyd's steps until they settle.
+
+    Args:
+        rows: Shape (n, d).
+        weights: How often each counts (n,).
+        k: Clusters.
+        generator: Source of the start.
+        iterations: Most steps.
+    """
+    rows = rows - np.average(rows, axis=0, weights=weights)
+    squares = np.einsum("ij,ij->i", rows, rows)
+    centres = rows[[generator.choice(len(rows), p=weights / weights.sum())]]
+    nearest = np.square(rows - centres[0]).sum(axis=1)
+    while len(centres) < k:
+        # Of a few candidates, each drawn in proportion to its distance, the one that leaves least is taken.
+        far = np.cumsum(weights * nearest)
+        drawn = generator.random(2 + int(math.log(k))) * far[-1]
+        candidates = rows[np.searchsorted(far, drawn, side="right") % len(rows)]
+        left = [np.minimum(nearest, np.square(rows - candidate).sum(axis=1)) for candidate in candidates]
+        best = int(np.argmin([weights @ distances for distances in left]))
+        centres, nearest = np.vstack([centres, candidates[best]]), left[best]
+    labels = np.full(len(rows), -1, dtype=np.intp)
+    for _ in range(iterations):
+        distances = squares[:, None] - 2.0 * rows @ centres.T + np.einsum("ij,ij->i", centres, centres)
+        previous, labels = labels, distances.argmin(axis=1)
+        if (labels == previous).all():
+            break
+        totals = np.bincount(labels, weights, k)
+        sums = np.stack([np.bincount(labels, weights * column, k) for column in rows.T], axis=1)
+        occupied = totals > 0
+        centres[occupied] = sums[occupied] / totals[occupied, None]
+    return labels

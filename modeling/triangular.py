@@ -1,0 +1,71 @@
+"""BLAS's products of triangular matrices, callable from compiled code without Python's lock.
+
+scipy publishes the addresses of its BLAS for Cython. They are made known to the linker of compiled code by name, so
+that code from numba's cache finds them again. Arrays are in C's order: BLAS, which is Fortran, sees them transposed.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import scipy.linalg.cython_blas as blas
+from llvmlite.binding import add_symbol  # type: ignore[import-untyped]  # it ships no types
+from numba import njit, types
+
+Floats = npt.NDArray[np.floating[Any]]
+
+_LETTERS = np.frombuffer(b"RUNT", dtype=np.uint8)  # right, upper, not transposed, transposed
+
+
+def _external(name: str, arguments: int) -> Any:
+    """Return a routine of scipy's BLAS, all of whose arguments are addresses."""
+    capsules: dict[str, Any] = vars(blas)["__pyx_capi__"]
+    capsule = capsules[name]
+    name_of, address_of = ctypes.pythonapi.PyCapsule_GetName, ctypes.pythonapi.PyCapsule_GetPointer
+    name_of.restype, name_of.argtypes = ctypes.c_char_p, [ctypes.py_object]
+    address_of.restype, address_of.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
+    symbol = f"wheelprint_{name}"
+    add_symbol(symbol, address_of(capsule, name_of(capsule)))
+    return types.ExternalFunction(symbol, types.void(*[types.intp] * arguments))
+
+
+_STRMM, _DTRMM = _external("strmm", 11), _external("dtrmm", 11)
+_SSYRK, _DSYRK = _external("ssyrk", 10), _external("dsyrk", 10)
+
+
+@njit(cache=True, nogil=True)
+def multiply_triangular(lower: Floats, columns: Floats) -> None:
+    """Replace columns (d, n) by the product of a lower triangular matrix (d, d) with them."""
+    sizes = np.array([columns.shape[1], columns.shape[0]], dtype=np.int32)
+    _trmm(sizes, np.ones(1, dtype=columns.dtype), lower, columns)
+
+
+@njit(cache=True, nogil=True)
+def square(columns: Floats, product: Floats) -> None:
+    """Write the lower triangle of the product of columns (d, n) with their transpose into `product` (d, d)."""
+    sizes = np.array([columns.shape[1], columns.shape[0]], dtype=np.int32)
+    _syrk(sizes, np.array([1, 0], dtype=columns.dtype), columns, product)
+
+
+# Two functions stand below the others because an array whose address alone is passed on may be freed before the call.
+@njit(cache=True, nogil=True)
+def _trmm(sizes: npt.NDArray[np.int32], one: Floats, lower: Floats, columns: Floats) -> None:
+    letter, n, factor = _LETTERS.ctypes.data, sizes.ctypes.data, one.ctypes.data
+    d, a, b = n + 4, lower.ctypes.data, columns.ctypes.data
+    if columns.itemsize == 4:
+        _STRMM(letter, letter + 1, letter + 2, letter + 2, n, d, factor, a, d, b, n)
+    else:
+        _DTRMM(letter, letter + 1, letter + 2, letter + 2, n, d, factor, a, d, b, n)
+
+
+@njit(cache=True, nogil=True)
+def _syrk(sizes: npt.NDArray[np.int32], factors: Floats, columns: Floats, product: Floats) -> None:
+    letter, n, one = _LETTERS.ctypes.data, sizes.ctypes.data, factors.ctypes.data
+    d, a, c, zero = n + 4, columns.ctypes.data, product.ctypes.data, one + columns.itemsize
+    if columns.itemsize == 4:
+        _SSYRK(letter + 1, letter + 3, d, n, one, a, n, zero, c, d)
+    else:
+        _DSYRK(letter + 1, letter + 3, d, n, one, a, n, zero, c, d)
