@@ -9,7 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from ..estimator import FloatArray, as_rows
+from ..estimator import FloatArray, as_array
 from ..lookahead_models import SPEED, VelocityLookahead
 from ..mixture import GaussianMixture
 from ..regression import MixtureRegression
@@ -141,7 +141,7 @@ def domain_score(model: MixtureRegression | VelocityLookahead, inputs: FloatArra
     """
     if isinstance(model, MixtureRegression):
         return model.domain_score(inputs)
-    rows = as_rows(inputs, "inputs")
+    rows = as_array(inputs, "inputs")
     score = np.empty(len(rows))
     own_class = model.classes.predict(rows[:, [SPEED]])
     for number in np.unique(own_class).tolist():

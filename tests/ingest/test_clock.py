@@ -310,7 +310,10 @@ def test_a_drop_out_is_no_step_and_the_order_of_files_none_either(town: Drive) -
     kept = (time < time[2000]) | (time > time[2400])
     gap = replace(town, can_speed=(time[kept], values[kept]))
     cut = len(time) // 2
-    swapped = replace(town, can_speed=tuple(np.concatenate((part[cut:], part[:cut])) for part in town.can_speed))
+    swapped = replace(
+        town,
+        can_speed=(np.concatenate((time[cut:], time[:cut])), np.concatenate((values[cut:], values[:cut]))),
+    )
     for drive in (gap, swapped):
         found = estimate(drive)
         assert found.applied, found.reason
