@@ -28,6 +28,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from .adaptation import adapt
 from .mixture import GaussianMixture
 from .regression import MixtureRegression
 
@@ -39,15 +40,12 @@ EVERYTHING = "all"
 """Name of the regression that knows no path types."""
 
 PRIOR_WINDOWS = 20
-"""Windows per channel that stand for the prior of each component of a path type, see `_adapt`.
+"""Windows per channel that stand for the prior of each component of a path type, see `adaptation.adapt`.
 
 Fitted apart, as in MP, a path type with less than two thousand windows or so predicts worse than everything together:
 on 10 minutes of one simulated driver the error rose from 1.6 to 2.7 deg with n₁ = 3. With this prior n₁ = 27 lowers it
 by 0 to 9 % for eight drivers, real and simulated; 10 or 40 does about as well.
 """
-
-ADAPTATIONS = 3
-"""EM steps that adapt a mixture to a path type; one changes little less, five no more."""
 
 OWN_WINDOWS = 1
 """Windows per channel from which on a path type has a regression of its own."""
@@ -203,7 +201,8 @@ def fit_motion_primitives(
     for name in sorted(samples, key=lambda name: (_level(name), name)):
         if name != EVERYTHING and samples[name] >= OWN_WINDOWS * joint.shape[1]:
             parent = next(mixtures[other] for other in _names(name, n1)[1:] if other in mixtures)
-            mixtures[name] = _adapt(parent, joint[(names == name).any(axis=1)], noise)
+            own = joint[(names == name).any(axis=1)]
+            mixtures[name] = adapt(parent, own, PRIOR_WINDOWS * joint.shape[1], noise=noise)
     columns = np.arange(joint.shape[1])
     split = (columns[: inputs.shape[1]], columns[inputs.shape[1] :])
     regressions = {name: MixtureRegression.from_mixture(mixture, *split) for name, mixture in mixtures.items()}
@@ -231,35 +230,6 @@ def _fit(joint: Floats, n_inputs: int, components: int, shrinkage: float, starts
     noise = (regularisation - OUTPUT_NOISE) * joint.var(axis=0)
     noise[:n_inputs] = 0.0
     return GaussianMixture.from_parameters(mixture.weights_, mixture.means_, mixture.covariances_ - np.diag(noise))
-
-
-def _adapt(parent: GaussianMixture, joint: Floats, noise: Floats) -> GaussianMixture:
-    """Adapt a mixture to the windows of a path type: EM with the parent as conjugate prior (relevance MAP).
-
-    It is as though windows that follow the parent's component, `PRIOR_WINDOWS` per channel, stood beside those of the
-    type in each component. A type with few windows stays close to its parent, one with many becomes its own.
-
-    Args:
-        parent: Mixture of the windows that the type's are part of.
-        joint: The type's windows (n_windows, n_channels).
-        noise: Sum of squares of the rows of noise beside each component's own (n_channels,).
-    """
-    k, d = parent.means_.shape
-    prior = PRIOR_WINDOWS * d
-    mixture = parent
-    for _ in range(ADAPTATIONS):
-        responsibilities = mixture.predict_proba(joint)
-        own = responsibilities.sum(axis=0)
-        counts = own + prior
-        means = (responsibilities.T @ joint + prior * parent.means_) / counts[:, None]
-        covariances = np.empty((k, d, d))
-        for component, mean in enumerate(means):
-            centred = (joint - mean) * np.sqrt(responsibilities[:, [component]])
-            shift = parent.means_[component] - mean
-            of_parent = prior * (parent.covariances_[component] + np.outer(shift, shift))
-            covariances[component] = (centred.T @ centred + of_parent + np.diag(noise)) / counts[component]
-        mixture = GaussianMixture.from_parameters(own + prior * k * parent.weights_, means, covariances)
-    return mixture
 
 
 def _names(path_type: str, n1: N1) -> list[str]:
