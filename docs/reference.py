@@ -167,6 +167,9 @@ def stored_tables() -> str:
         ("`situations.csv`", tables.SITUATION_COLUMNS),
         ("`results/lookahead.csv`", tables.LOOKAHEAD_COLUMNS),
         ("`results/motion_primitives.csv`", tables.MOTION_PRIMITIVE_COLUMNS),
+        ("`results/learning_curve.csv`", tables.LEARNING_CURVE_COLUMNS),
+        ("`results/cross_driver.csv`", tables.CROSS_DRIVER_COLUMNS),
+        ("`results/identification.csv`", tables.IDENTIFICATION_COLUMNS),
     ):
         lines += [f"## {title}\n", ", ".join(f"`{column}`" for column in columns), ""]
     return "\n".join(lines).rstrip() + "\n"

@@ -16,6 +16,7 @@ from ..schemas.tables import LOOKAHEAD_COLUMNS, MOTION_PRIMITIVE_COLUMNS
 from ..schemas.tasks import Task
 from .cells import evaluate_lookahead, evaluate_motion_primitives
 from .drivers import modelled_drivers
+from .personal_evaluation import gather_personal, plan_personal
 
 EXPERIMENTS = {"lookahead": LOOKAHEAD_COLUMNS, "motion_primitives": MOTION_PRIMITIVE_COLUMNS}
 """Experiment -> columns of its table of results."""
@@ -27,6 +28,8 @@ Row = Mapping[str, Any]
 
 def plan_evaluation(project: Project) -> tuple[list[Task], list[InputError]]:
     """Plan one task for each driver, fold and experiment, and for motion primitives each number of past steps.
+
+    Those of `plan_personal` follow.
 
     Returns:
         The tasks, and the drivers with too little data.
@@ -57,7 +60,7 @@ def plan_evaluation(project: Project) -> tuple[list[Task], list[InputError]]:
                 grid = {"grid": settings["motion_primitives"], "past_steps": past_steps}
                 mark = fingerprint(made_from | path_types | grid)
                 tasks.append(Task("cells", name, evaluate_motion_primitives, {**cell, "past_steps": past_steps}, mark))
-    return tasks, problems
+    return tasks + plan_personal(project, drivers), problems
 
 
 def gather_results(project: Project) -> list[tuple[str, tuple[str, ...], list[tuple[Any, ...]]]]:
@@ -74,8 +77,9 @@ def gather_results(project: Project) -> list[tuple[str, tuple[str, ...], list[tu
     """
     manifest = Manifest(project.directory)
     rows: dict[str, list[Row]] = {experiment: [] for experiment in EXPERIMENTS}
-    for task in plan_evaluation(project)[0]:
-        if manifest.is_current(task.section, task.name, task.fingerprint):
+    tasks = plan_evaluation(project)[0]
+    for task in tasks:
+        if task.name.split("/")[0] in rows and manifest.is_current(task.section, task.name, task.fingerprint):
             for output in manifest.entry(task.section, task.name)["outputs"]:
                 content = json.loads((project.directory / output["path"]).read_text(encoding="utf-8"))
                 rows[task.name.split("/")[0]] += content["rows"]
@@ -98,7 +102,7 @@ def gather_results(project: Project) -> list[tuple[str, tuple[str, ...], list[tu
             )
         )
     publish_json(project.results_folder / "summary.json", summary)
-    return printed
+    return printed + gather_personal(project, tasks)
 
 
 def _means_over_folds(rows: Sequence[Row], columns: Sequence[str]) -> list[Row]:

@@ -436,11 +436,27 @@ class MotionPrimitives(Section):
     starts: int = Field(default=1, ge=1)
 
 
+class Personal(Section):
+    """`[models.personal]`: are the models personal? Learning curves, cross-driver matrix, identification."""
+
+    evaluate: bool = Field(default=True, description="make these parts of the evaluation; they need two drivers")
+    past_steps: int = Field(default=1, ge=-1, description="n2 of the steering windows")
+    future_steps: int = Field(default=10, ge=1, description="n3 of the steering windows")
+    components: int = Field(default=3, ge=1, description="of the steering's mixtures, population and own alike")
+    lookahead_components: int = Field(default=6, ge=1, description="of the lookahead's mixtures, likewise")
+    relevance: float = Field(
+        default=2.0,
+        gt=0,
+        description="rows per channel that the population stands for in each component when it is adapted to a driver",
+    )
+
+
 class Models(Section):
     """`[models]`."""
 
     lookahead: LookaheadModel = LookaheadModel()
     motion_primitives: MotionPrimitives = MotionPrimitives()
+    personal: Personal = Personal()
     minimum_minutes: float = Field(default=2.0, gt=0, description="a driver with less is not modelled")
     seed: int = 0
 

@@ -96,3 +96,12 @@ MOTION_PRIMITIVE_COLUMNS = (
     "driver", "model", "path_types", "past_steps", "future_steps", "components", "fold",
     "mean_error", "mean_variance", "coverage_68", "coverage_95", "samples",
 )  # fmt: skip
+LEARNING_CURVE_COLUMNS = (
+    "driver", "quantity", "model", "minutes", "fold", "mean_error", "log_likelihood", "samples",
+)  # fmt: skip
+CROSS_DRIVER_COLUMNS = (
+    "quantity", "model", "model_driver", "driver", "fold", "mean_error", "log_likelihood", "samples",
+)  # fmt: skip
+IDENTIFICATION_COLUMNS = (
+    "driver", "fold", "minute", "model", "density", "evidence", "named", "margin", "samples",
+)  # fmt: skip
