@@ -8,6 +8,7 @@ Two things are personal and modelled: how the wheel is moved, and how far ahead 
 The road says much about the drive and nothing about who drives: some commute on motorways. So drivers are told apart
 by the *conditional* density of outputs given inputs; the joint density, which also tells roads and speeds apart, stands
 beside it. Windows overlap, and each predicted step counts once: a window's log-likelihood is divided by its steps.
+Lookahead distances of neighbouring samples say nearly the same, and count as one within `LOOKAHEAD_MEMORY`.
 """
 
 from __future__ import annotations
@@ -36,6 +37,10 @@ EVERY = 2
 
 MINUTE = 60.0
 """s; a fold is cut into pieces about as long, and each is asked whose it is."""
+
+
+LOOKAHEAD_MEMORY = 0.4
+"""s; lookahead distances so near to each other are told by the same steering, and count as one, as in the dataset."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,6 +151,11 @@ def measure(model: MixtureRegression, samples: Samples) -> tuple[FloatArray, Lik
     conditional = model.log_likelihood(samples.inputs, samples.outputs) / outputs
     joint = model.mixture_.score_samples(samples.joint) / outputs
     return error, Likelihoods(conditional, joint)
+
+
+def weight(quantity: Quantity, rate: float) -> float:
+    """Return what one sample's log-likelihood counts for a minute, at a rate in Hz (see the module)."""
+    return 1.0 if quantity == "steering" else 1.0 / max(LOOKAHEAD_MEMORY * rate, 1.0)
 
 
 def cut_minutes(rows: Rows, centres: Rows, rate: float) -> NDArray[np.intp]:

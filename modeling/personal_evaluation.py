@@ -43,6 +43,7 @@ from .personal import (
     name_drivers,
     personalise,
     take_samples,
+    weight,
 )
 from .regression import MixtureRegression
 from .windows import Mask, Rows, Series
@@ -281,7 +282,9 @@ def _identify(
                 )
                 drivers = quantities[of_quantities[0]][1]
                 likelihoods: dict[str, FloatArray] = {
-                    whose: np.concatenate([getattr(quantities[q][1][whose], density) for q in of_quantities])
+                    whose: np.concatenate(
+                        [weight(q, rate) * getattr(quantities[q][1][whose], density) for q in of_quantities]
+                    )
                     for whose in drivers
                 }
                 for minute, (named, margin) in name_drivers(likelihoods, minutes).items():

@@ -307,6 +307,69 @@ def errors_of_models(scores: Sequence[Score]) -> go.Figure:
     return figure
 
 
+def error_over_minutes(lines: Mapping[str, Mapping[int, Sequence[float]]], title: str) -> go.Figure:
+    """Show errors over the minutes of training data on a logarithmic axis, mean and standard deviation over the folds.
+
+    Args:
+        lines: By model: errors of the folds by minutes; a model of 0 minutes is drawn across.
+        title: Of the errors, with their unit.
+    """
+    figure = _figure("training data, min", title, height=340)
+    learnt = sorted({minutes for points in lines.values() for minutes in points if minutes})
+    for (model, points), colour in zip(lines.items(), itertools.cycle(LINES), strict=False):
+        across = set(points) == {0}
+        minutes = learnt or [1] if across else sorted(points)
+        errors = [points[0 if across else number] for number in minutes]
+        figure.add_scatter(
+            x=minutes,
+            y=_float32([np.mean(values) for values in errors]),
+            error_y=None if across else {"type": "data", "array": _float32([np.std(values) for values in errors])},
+            mode="lines" if across else "lines+markers",
+            name=plain(model),
+            line=_line(GREY if across else colour, 2, "dash" if across else "solid"),
+        )
+    figure.update_xaxes(type="log", tickvals=learnt, ticktext=[str(number) for number in learnt])
+    figure.update_yaxes(rangemode="tozero")
+    return figure
+
+
+def matrix(
+    names: Sequence[str],
+    values: Sequence[Sequence[float | None]],
+    across: str,
+    down: str,
+    digits: int,
+    *,
+    reverse: bool = False,
+) -> go.Figure:
+    """Show a matrix of drivers as a heat map with its numbers; dark is much.
+
+    Args:
+        names: Drivers, of the columns and of the rows.
+        values: Row by row; None where there is none.
+        across: What the columns are.
+        down: What the rows are.
+        digits: Decimals of the numbers.
+        reverse: Dark is little.
+    """
+    figure = _figure(across, "", height=150 + 38 * len(names))
+    numbers = np.array([[np.nan if value is None else value for value in row] for row in values], np.float64)
+    shown = [["" if value is None else f"{value:.{digits}f}".replace("-", "−") for value in row] for row in values]
+    # One bad pair must not wash out the others.
+    low, high = np.nanpercentile(numbers, (0, 75) if reverse else (25, 100)) if np.isfinite(numbers).any() else (0, 1)
+    figure.add_heatmap(
+        z=_float32(numbers), zmin=float(low), zmax=float(high), text=shown, texttemplate="%{text}", showscale=False,
+        colorscale="Blues", reversescale=reverse, xgap=1, ygap=1,
+        hovertemplate=f"{down} %{{y}}, {across} %{{x}}: %{{text}}<extra></extra>",
+    )  # fmt: skip
+    places = list(range(len(names)))
+    _name_lanes(figure, names)
+    figure.update_yaxes(title_text=down, range=[len(names) - 0.5, -0.5])
+    figure.update_layout(margin_l=figure.layout.margin.l + 30)
+    figure.update_xaxes(tickvals=places, ticktext=[plain(name[:40]) for name in names], showgrid=False, zeroline=False)
+    return figure
+
+
 def prediction(
     driven_time: Values, driven: Values, starts: Values, steps: Values, mean: Values, sd: Values
 ) -> go.Figure:

@@ -43,6 +43,8 @@ path_types = [1, 3, 27]
 past_steps = [-1, 1]
 future_steps = 5
 components = [1, 2]
+[models.personal]
+evaluate = false
 """
 
 DRIVERS = {"王 小明": (700, 500), "b.~": (800,), "little": (100,)}

@@ -14,7 +14,14 @@ from wheelprint.dataset.card import data_card
 from wheelprint.dataset.events import Event, write_events
 from wheelprint.schemas.project import Project
 from wheelprint.schemas.store import Manifest, describe_output, publish_json, publish_table, read_table
-from wheelprint.schemas.tables import DATASET, LOOKAHEAD_COLUMNS, MOTION_PRIMITIVE_COLUMNS, SYNCED
+from wheelprint.schemas.tables import (
+    CROSS_DRIVER_COLUMNS,
+    DATASET,
+    LEARNING_CURVE_COLUMNS,
+    LOOKAHEAD_COLUMNS,
+    MOTION_PRIMITIVE_COLUMNS,
+    SYNCED,
+)
 
 HOSTILE = '<script>alert("x")<!--'
 CHINESE = "王小明"
@@ -241,8 +248,25 @@ def write_results(project: Project) -> None:
             for path_types, level in ((1, 2.12), (3, 1.91), (27, 1.87)):
                 row = [fold, level + rng.normal(0, 0.06), 7.4, 0.67, 0.95, 400]
                 primitives.append([driver, "mixture", path_types, 1, 50, 3, *row])
+    curve: list[list[Any]] = []
+    crossed: list[list[Any]] = []
+    for fold in range(4):
+        for driver, other in ((HOSTILE, CHINESE), (CHINESE, HOSTILE)):
+            curve.append([driver, "steering", "population", 0, fold, 1.0 + 0.1 * fold, -1.0, 400])
+            curve += [[driver, "steering", "own", m, fold, 3.0 / m + 0.1 * fold, -2.0, 400] for m in (1, 2, 5)]
+            curve += [[driver, "steering", "adapted", m, fold, 0.9 / m + 0.1 * fold, 0.0, 400] for m in (1, 2, 5)]
+            crossed.append(["steering", "adapted", driver, driver, fold, 0.5 + 0.1 * fold, 1.25, 400])
+            crossed.append(["steering", "adapted", other, driver, fold, 1.5 + 0.1 * fold, -3.5, 400])
     project.results_folder.mkdir(exist_ok=True)
+    rate = {"model": "adapted", "density": "conditional", "evidence": "both", "minutes": 20, "right": 18, "rate": 0.9}
+    confusion = {HOSTILE: {HOSTILE: 10}, CHINESE: {CHINESE: 8, HOSTILE: 2}}
+    publish_json(
+        project.results_folder / "identification.json",
+        [{**rate, "low": 0.699, "high": 0.972, "confusion": confusion}],
+    )
     for name, columns, rows in (
+        ("learning_curve.csv", LEARNING_CURVE_COLUMNS, curve),
+        ("cross_driver.csv", CROSS_DRIVER_COLUMNS, crossed),
         ("lookahead.csv", LOOKAHEAD_COLUMNS, lookahead),
         ("motion_primitives.csv", MOTION_PRIMITIVE_COLUMNS, primitives),
     ):

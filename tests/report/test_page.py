@@ -18,7 +18,7 @@ from wheelprint.schemas.errors import InputError
 from wheelprint.schemas.project import Project
 
 SECTIONS = [
-    "summary", "recordings", "alignment", "events", "dataset", "maps", "lookahead", "clusters", "errors",
+    "summary", "recordings", "alignment", "events", "dataset", "maps", "lookahead", "clusters", "errors", "personal",
     "prediction", "provenance",
 ]  # fmt: skip
 VOID = {"meta", "link", "br", "img", "input", "hr"}
@@ -127,7 +127,7 @@ def test_names_in_figures_are_escaped_for_plotly(page: Page) -> None:
     texts = json.dumps(figures, ensure_ascii=False)
     assert '&lt;script&gt;alert(\\"x\\")&lt;!--' in texts
     assert "<script" not in texts
-    assert len(figures) == 3 + 1 + 3 + 2 + 1 + 4, "alignment, timeline, maps, lookahead, BIC, errors"
+    assert len(figures) == 3 + 1 + 3 + 2 + 1 + 4 + 5, "alignment, timeline, maps, lookahead, BIC, errors, personal"
 
 
 def test_every_axis_says_what_it_shows(page: Page) -> None:
