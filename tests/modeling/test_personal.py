@@ -19,6 +19,7 @@ from wheelprint.modeling.personal import (
     curve_minutes,
     cut_minutes,
     first_minutes_after,
+    fit_own,
     measure,
     name_drivers,
     personalise,
@@ -87,11 +88,10 @@ def test_learning_curves(results: Project) -> None:
 def test_the_population_does_not_contain_the_driver(project: Project, monkeypatch: pytest.MonkeyPatch) -> None:
     series = {name: read_series(project.directory, name, project.config) for name in DRIVERS}
     seen: list[list[int]] = []
-    fit = personal_evaluation.fit_own
 
     def spy(samples: Sequence[Samples], *arguments: Any) -> Any:
         seen.append([len(own.centres) for own in samples])
-        return fit(samples, *arguments)
+        return fit_own(samples, *arguments)
 
     monkeypatch.setattr(personal_evaluation, "fit_own", spy)
     evaluate_learning_curve(project.directory, DRIVERS, "王 小明", with_personal(project))
@@ -106,11 +106,10 @@ def test_the_population_does_not_contain_the_driver(project: Project, monkeypatc
 
 def test_no_model_has_learnt_from_the_tested_fold(project: Project, monkeypatch: pytest.MonkeyPatch) -> None:
     folds: list[set[int]] = []
-    take = personal_evaluation.take_samples
 
     def spy(series: Any, rows: Any, *arguments: Any) -> Samples:
         folds.append(set(series.fold[rows].tolist()))
-        return take(series, rows, *arguments)
+        return take_samples(series, rows, *arguments)
 
     monkeypatch.setattr(personal_evaluation, "take_samples", spy)
     evaluate_across_drivers(project.directory, DRIVERS, 1, with_personal(project))
