@@ -20,8 +20,8 @@ def drive(rows: int, shares: list[float], seed: int) -> np.ndarray:
     """Rows of three components one after the other, as stretches of road come."""
     rng = np.random.default_rng(seed)
     component = np.sort(rng.choice(3, rows, p=shares))
-    noise: np.ndarray = rng.normal(size=(rows, 3)) * np.array([0.8, 1.0, 0.6])[component][:, None]
-    return noise + MEANS[component]
+    found: np.ndarray = rng.normal(MEANS[component], np.array([0.8, 1.0, 0.6])[component][:, None])
+    return found
 
 
 def learn_all(drives: list[np.ndarray], exponent: float) -> OnlineMixture:
