@@ -483,8 +483,12 @@ class Config(Section):
         A motion primitive reaches from its past to its future steps, a lookahead distance to the last path point ahead.
         Behind that lies the sample that the course deviation, or a lag undone, takes; smoothing adds its own window.
         """
-        primitives = self.models.motion_primitives
-        ahead = max(max(*primitives.past_steps, 0) + primitives.future_steps, self.lookahead.points)
+        primitives, personal = self.models.motion_primitives, self.models.personal
+        ahead = max(
+            max(*primitives.past_steps, 0) + primitives.future_steps,
+            max(personal.past_steps, 0) + personal.future_steps,
+            self.lookahead.points,
+        )
         return self._steps_back + ahead + self.dataset.smoothing_window - 1
 
     @property
@@ -525,10 +529,12 @@ def read_config(path: Path) -> Config:
 def _short_embargo(config: Config, longest: float) -> str:
     primitives = config.models.motion_primitives
     past, future = max(*primitives.past_steps, 0), primitives.future_steps
+    personal = max(config.models.personal.past_steps, 0), config.models.personal.future_steps
+    also = f"models.personal {personal[0]} and {personal[1]}, " if sum(personal) > past + future else ""
     return (
         f"{config.dataset.embargo:g} s is shorter than the longest window, {longest:g} s at {config.sync.rate:g} Hz, "
         f"and training windows would share samples with test windows. models.motion_primitives takes {past} past and "
-        f"{future} future steps, lookahead.points looks {config.lookahead.points} ahead, the course deviation 1 back, "
+        f"{future} future steps, {also}lookahead.points looks {config.lookahead.points} ahead, the course deviation 1 back, "
         f"and dataset.smoothing_window adds {config.dataset.smoothing_window - 1}. Write {longest:g} or more, or "
         "shorten these"
     )
