@@ -53,6 +53,9 @@ maximum_spread = 0.2
 [models.lookahead]
 components = [3]
 regressors = [3]
+
+[models.personal]
+evaluate = true
 """
 
 

@@ -17,7 +17,9 @@ from .figures import error_over_minutes, matrix
 from .tables import count, number, text
 
 UNITS = {"steering": "°", "lookahead": "m"}
-NOTHING = Note("No personal models were compared yet; it takes two drivers.", "wheelprint evaluate")
+NOTHING = Note(
+    "No personal models were compared yet; it takes two drivers and models.personal.evaluate.", "wheelprint evaluate"
+)
 
 Rows = Sequence[Mapping[str, str]]
 

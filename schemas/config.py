@@ -439,7 +439,7 @@ class MotionPrimitives(Section):
 class Personal(Section):
     """`[models.personal]`: are the models personal? Learning curves, cross-driver matrix, identification."""
 
-    evaluate: bool = Field(default=True, description="make these parts of the evaluation; they need two drivers")
+    evaluate: bool = Field(default=False, description="make these parts of the evaluation; they need two drivers")
     past_steps: int = Field(default=1, ge=-1, description="n2 of the steering windows")
     future_steps: int = Field(default=10, ge=1, description="n3 of the steering windows")
     components: int = Field(default=3, ge=1, description="of the steering's mixtures, population and own alike")
@@ -486,7 +486,7 @@ class Config(Section):
         primitives, personal = self.models.motion_primitives, self.models.personal
         ahead = max(
             max(*primitives.past_steps, 0) + primitives.future_steps,
-            max(personal.past_steps, 0) + personal.future_steps,
+            max(personal.past_steps, 0) + personal.future_steps if personal.evaluate else 0,
             self.lookahead.points,
         )
         return self._steps_back + ahead + self.dataset.smoothing_window - 1
@@ -530,12 +530,13 @@ def _short_embargo(config: Config, longest: float) -> str:
     primitives = config.models.motion_primitives
     past, future = max(*primitives.past_steps, 0), primitives.future_steps
     personal = max(config.models.personal.past_steps, 0), config.models.personal.future_steps
-    also = f"models.personal {personal[0]} and {personal[1]}, " if sum(personal) > past + future else ""
+    longer = config.models.personal.evaluate and sum(personal) > past + future
+    also = f"models.personal {personal[0]} and {personal[1]}, " if longer else ""
     return (
         f"{config.dataset.embargo:g} s is shorter than the longest window, {longest:g} s at {config.sync.rate:g} Hz, "
         f"and training windows would share samples with test windows. models.motion_primitives takes {past} past and "
-        f"{future} future steps, {also}lookahead.points looks {config.lookahead.points} ahead, the course deviation 1 back, "
-        f"and dataset.smoothing_window adds {config.dataset.smoothing_window - 1}. Write {longest:g} or more, or "
+        f"{future} future steps, {also}lookahead.points looks {config.lookahead.points} ahead, the course deviation 1 "
+        f"back, and dataset.smoothing_window adds {config.dataset.smoothing_window - 1}. Write {longest:g} or more, or "
         "shorten these"
     )
 
