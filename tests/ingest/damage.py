@@ -28,6 +28,7 @@ LONGEST = 10.0
 HANGS = 120.0
 """Seconds on the clock, on however busy a machine, after which the process is ended with a traceback."""
 MEMORY = 512 << 20
+NEW = 210 << 20
 """Bytes that all of them may take."""
 BEYOND = 1 << 30
 """Bytes more than at the start that the process gets at all, so that a reader that runs wild does not take others."""
@@ -231,16 +232,21 @@ def _arrives(sample: Sample, content: bytes, complete: Records, result: Records 
 
 @contextmanager
 def _bounded(outcome: Outcome) -> Iterator[None]:
-    """Bound the memory of this process, and note the most that was taken."""
+    """Bound the memory of this process, and note the most that was taken.
+
+    What the process had before beyond what a new one has (`NEW`: the interpreter and the libraries) is other tests'.
+    """
     before = resource.getrlimit(resource.RLIMIT_DATA)
+    others = max(_memory("VmRSS") - NEW, 0)
+    ended = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
     Path("/proc/self/clear_refs").write_text("5")  # The peak is counted anew.
     resource.setrlimit(resource.RLIMIT_DATA, (_memory("VmData") + BEYOND, before[1]))
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_DATA, before)
-        started = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024
-        outcome.memory = max(_memory("VmHWM"), started)
+        started = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+        outcome.memory = max(_memory("VmHWM") - others, started * 1024 if started > ended else 0)
     if outcome.memory > MEMORY:
         outcome.failures.append(f"{outcome.memory >> 20} MB of memory")
 

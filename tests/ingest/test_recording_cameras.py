@@ -172,7 +172,7 @@ def test_images_of_an_mcap_file_stand_by_its_name_and_their_bytes(recording: Rec
     left, right = (writer.register_channel(f"/{side}", "json", schema) for side in ("left", "right"))
     for channel, n in ((left, 0), (right, 1), (left, 2)):
         time = (START + n) * 10**9
-        writer.add_message(channel, time, f"image {n}".encode(), time)
+        writer.add_message(channel, time, f'{{"image": {n}}}'.encode(), time)
     writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it without types
     (recording.folder / "cam").mkdir()
     (recording.folder / "cam" / "drive.mcap").write_bytes(output.getvalue())
@@ -183,7 +183,7 @@ def test_images_of_an_mcap_file_stand_by_its_name_and_their_bytes(recording: Rec
     assert (camera["path"], camera["format"], camera["accepted"]) == ("cam/drive.mcap", "camera", 3)
     assert {name: facts["count"] for name, facts in camera["cameras"].items()} == {"/left": 2, "/right": 1}
     # A record of a message is its opcode 05, its length, 22 bytes of header and the data.
-    places = [output.getvalue().find(f"image {n}".encode()) - 22 - 9 for n in range(3)]
+    places = [output.getvalue().find(f'{{"image": {n}}}'.encode()) - 22 - 9 for n in range(3)]
     assert stored(recording) == [
         ((START + n) * 10**9, side, "cam/drive.mcap", places[n]) for n, side in enumerate(("/left", "/right", "/left"))
     ]
