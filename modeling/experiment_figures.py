@@ -22,7 +22,7 @@ METHODS: dict[str, tuple[N1, int, int]] = {"proposed": (27, 1, 3), "general": (1
 QUANTILES = (1.0, 0.9, 0.7, 0.4)
 """The four situations: of this rank among the test windows by how far the steering wheel turns."""
 
-COMPONENTS, REGRESSORS = 12, 3
+TRACK_COMPONENTS, TRACK_REGRESSORS = 12, 3
 """Of the models on PP's track; PP does not say which n₂."""
 
 SLOWEST, FASTEST = 10 / 3.6, 40 / 3.6
@@ -117,8 +117,8 @@ def follow_track(project: Path, driver: str, fold: int, faithful: bool, config: 
     rows = []
     with one_thread():
         for model in (
-            GeneralLookahead(COMPONENTS, starts=3, seed=seed, estimate=estimate),
-            VelocityLookahead(COMPONENTS, REGRESSORS, starts=3, seed=seed, estimate=estimate),
+            GeneralLookahead(TRACK_COMPONENTS, starts=3, seed=seed, estimate=estimate),
+            VelocityLookahead(TRACK_COMPONENTS, TRACK_REGRESSORS, starts=3, seed=seed, estimate=estimate),
         ):
             model.fit(inputs[training], lookahead[training])
             driven = drive_track(model, track, config.vehicle.wheelbase)
@@ -126,7 +126,7 @@ def follow_track(project: Path, driver: str, fold: int, faithful: bool, config: 
                 {
                     "driver": driver,
                     "model": "general" if isinstance(model, GeneralLookahead) else "velocity",
-                    "components": COMPONENTS,
+                    "components": TRACK_COMPONENTS,
                     "mean_deviation_m": float(np.abs(driven["deviation"]).mean()),
                     "largest_deviation_m": float(np.abs(driven["deviation"]).max()),
                     "mean_sd_m": float(driven["lookahead_sd"].mean()),

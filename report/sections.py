@@ -20,6 +20,7 @@ from . import figures, tables
 from .blocks import Block, Column, Facts, Figure, Gallery, Listing, Note, Section, Table
 from .data_cards import driving_table, folds_table, road_table
 from .drives import Drive, column, describe, readable
+from .experiments import experiment_blocks
 from .predictions import predicted_stretch
 from .provenance import inputs_table, parameters_table, signals_table, versions_table
 from .scores import read_scores
@@ -62,6 +63,7 @@ class Content:
             Section("lookahead", "Lookahead", self._lookahead()),
             Section("clusters", "Clusters", self._clusters()),
             Section("errors", "Model errors", self._errors()),
+            Section("experiments", "The papers’ experiments", self._guarded(experiment_blocks, self.project) or []),
             Section("prediction", "Prediction", self._predictions()),
             Section("provenance", "Provenance", self._provenance()),
         ]
