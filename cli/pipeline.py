@@ -111,7 +111,7 @@ class Pipeline:
         tasks, problems = plan_experiment(self._project, name, faithful=faithful)
         stopped = False
         try:
-            self._stage(f"evaluate --experiment {name}", tasks, problems)
+            self._stage(name, tasks, problems)
         except KeyboardInterrupt:
             stopped = True
         for title, heads, rows in gather_experiment(self._project, name, faithful=faithful):

@@ -14,7 +14,7 @@ NEGLIGIBLE = 1e-2
 """Components whose own peak is lower than this share of the row's highest one are no place to start from."""
 
 STEPS = 100
-NEAR = 1e-9
+NEAR = 1e-6
 """An ascent ends when it moves by less, in standard deviations of the narrowest component."""
 
 

@@ -43,6 +43,15 @@ SECTION = "experiments"
 WITHOUT_PATH = (1, 3)
 """n₂ and n₄ at which MP's inputs are tried without the path ahead, too."""
 
+MP_COLUMNS = (
+    "driver", "windows", "path_types", "past_steps", "future_steps", "components", "future_path", "fold", "mean_error",
+    "mean_variance", "mean_sd", "mean_squared_error", "coverage_68", "coverage_95", "samples", "fell_back",
+)  # fmt: skip
+PP_COLUMNS = (
+    "driver", "model", "components", "regressors", "fold", "split", "repeats", "mean_error", "mean_error_sd", "mean_sd",
+    "mean_sd_sd", "samples",
+)  # fmt: skip
+
 Row = Mapping[str, Any]
 Printed = list[tuple[str, tuple[str, ...], list[tuple[Any, ...]]]]
 
@@ -104,7 +113,7 @@ def gather_experiment(project: Project, experiment: Experiment, *, faithful: boo
         own = weigh_claims(rows, "MP", folds)
         types = found.get("types", [])
         table_2 = table_ii(rows)
-        _publish_rows(folder / "motion_primitives.csv", rows)
+        _publish_rows(folder / "motion_primitives.csv", rows, MP_COLUMNS)
         _publish_rows(folder / "table_1.csv", table_i(types))
         _publish_rows(folder / "table_2.csv", table_2)
         publish_json(folder / "figure_2.json", found.get("situations", []))
@@ -116,7 +125,7 @@ def gather_experiment(project: Project, experiment: Experiment, *, faithful: boo
         rows = [row for cell in found.get("grid", ()) for row in cell["rows"]]
         own = weigh_claims(rows, "PP", folds)
         figure_5 = over_folds(rows)
-        _publish_rows(folder / "lookahead.csv", rows)
+        _publish_rows(folder / "lookahead.csv", rows, PP_COLUMNS)
         _publish_rows(folder / "figure_5.csv", figure_5)
         publish_json(folder / "figure_6_7.json", found.get("track", []))
         heads = ("driver", "model", "regressors", "components", "mean_error", "mean_sd", "folds")

@@ -30,9 +30,11 @@ SMALL: dict[str, Any] = {
     "PP_COMPONENTS": (12,),
     "REGRESSORS": (None, 3),
     "REPEATS": 2,
+    "TRACK": ((40, 0), (31, 20)),
     "METHODS": {"proposed": (27, 1, 2), "general": (1, -1, 2)},
 }
-"""A grid that takes seconds."""
+"""Grids and a track that take seconds."""
+WHOLE_TRACK = experiment_figures.TRACK
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -303,7 +305,8 @@ class Constant:
         return np.full(len(inputs), 6.0), np.full(len(inputs), 0.5)
 
 
-def test_a_sensible_lookahead_distance_keeps_to_the_track() -> None:
+def test_a_sensible_lookahead_distance_keeps_to_the_track(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(experiment_figures, "TRACK", WHOLE_TRACK)
     track = lay_track()
     assert track["speed"].min() >= 10 / 3.6
     assert track["speed"].max() <= 40 / 3.6
