@@ -20,11 +20,13 @@ from wheelprint.modeling.experiment_cells import (
     known_lookahead,
     split_windows,
 )
-from wheelprint.modeling.lookahead_models import GeneralLookahead
+from wheelprint.modeling.lookahead_models import Estimate, GeneralLookahead
 from wheelprint.modeling.mixture import GaussianMixture
 from wheelprint.modeling.motion_primitives import TOLERANCE, fit_motion_primitives
 from wheelprint.modeling.regression import MixtureRegression
 from wheelprint.schemas.project import Project
+
+ESTIMATES: tuple[Estimate, ...] = ("mean", "mode")
 
 
 def main(folder: Path, fold: int) -> None:
@@ -81,12 +83,12 @@ def motion_primitives(project: Project, driver: str, fold: int) -> None:
     for past_steps, path in ((1, True), (1, False), (0, True), (-1, True)):
         split = split_windows(project.directory, driver, series, fold, past_steps, config, faithful=False)
         columns = _columns(past_steps, future_path=path)
-        inputs, asked = split.learnt.inputs[:, columns], split.asked.inputs[:, columns]
+        inputs, seen = split.learnt.inputs[:, columns], split.asked.inputs[:, columns]
         penalty = Ridge.fit(inputs, split.learnt.outputs, gap=max(past_steps, 0) + FUTURE_STEPS).penalty
         fit = fit_motion_primitives(
             inputs, split.learnt.outputs, split.learnt_types, n1=27, components=3, shrinkage=penalty
         )
-        mean, variance = fit.predict(asked, split.asked_types)
+        mean, variance = fit.predict(seen, split.asked_types)
         told = "" if path else ", without the path ahead (eq. 2)"
         tell(f"n₁ = 27, n₂ = {past_steps}, n₄ = 3{told}", mean - split.asked.outputs, variance)
     for faithful, told in ((False, "logarithms"), (True, "features as they are")):
@@ -102,8 +104,8 @@ def lookahead(project: Project, driver: str, fold: int) -> None:
     series = read_series(project.directory, driver, config)
     inputs, distance, training, test = known_lookahead(project.directory, driver, series, fold, config)
     model = GeneralLookahead(12, starts=3).fit(inputs[training], distance[training])
-    for estimate in ("mean", "mode"):
-        model.estimate = estimate  # type: ignore[assignment]  # one of the two names
+    for estimate in ESTIMATES:
+        model.estimate = estimate
         found, sd = model.predict(inputs[test])
         error = found - distance[test]
         print(

@@ -171,7 +171,7 @@ def judge(change: Change, expected: str) -> tuple[str, str]:
         expected: `lower`: the measure falls; `same`: it changes by less than `NEGLIGIBLE`.
     """
     if change.change is None or change.low is None or change.high is None:
-        return OPEN, f"{OPEN}: {change.pairs} pairs of folds are too few for an interval"
+        return OPEN, f"{OPEN}, too few pairs of folds for an interval: {change.pairs}"
     told = f"{_signed(change.change)} ({CONFIDENCE:.0%}: {_signed(change.low)} to {_signed(change.high)})"
     if expected == "lower":
         if change.high < 0:

@@ -27,7 +27,7 @@ from ..schemas.store import describe_output, publish_json
 from ..schemas.tasks import Outcome
 from .baselines import Ridge
 from .cells import FEWEST_SAMPLES, WITHIN_68, WITHIN_95
-from .drivers import describe_path_types, fit_path_types, label_rows, one_thread, read_series
+from .drivers import describe_path_types, fit_path_types, label_rows, one_thread, part, read_series
 from .lookahead_models import GeneralLookahead, VelocityLookahead
 from .mixture import GaussianMixture
 from .motion_primitives import EVERYTHING, N1, TOLERANCE, MotionPrimitives, fit_motion_primitives, windows_needed
@@ -58,17 +58,25 @@ class Split:
 
     Attributes:
         types: Types of path of the training rows.
+        path_type: Path type of every row, such as `1-3-2`, told by rows of its own side alone.
         learnt: Windows to learn from.
         asked: Windows to test.
-        learnt_types: Path type of each window to learn from, such as `1-3-2`.
-        asked_types: Path type of each window to test.
     """
 
     types: PathTypes
+    path_type: NDArray[np.str_]
     learnt: Windows
     asked: Windows
-    learnt_types: NDArray[np.str_]
-    asked_types: NDArray[np.str_]
+
+    @property
+    def learnt_types(self) -> NDArray[np.str_]:
+        """Path type of each window to learn from."""
+        return self.path_type[self.learnt.centres]
+
+    @property
+    def asked_types(self) -> NDArray[np.str_]:
+        """Path type of each window to test."""
+        return self.path_type[self.asked.centres]
 
 
 def evaluate_primitives(
@@ -141,7 +149,8 @@ def evaluate_path_types(project: Path, driver: str, fold: int, faithful: bool, c
         InputError: No segment lies entirely in the training folds.
     """
     series = read_series(project, driver, config)
-    training, _ = _split(series, fold, config)
+    training, test = _split(series, fold, config)
+    series = part(series, training + 2 * test, config)
     with one_thread():
         types = fit_path_types(series, training, _with_labels(config, LABELS), logarithms=not faithful)
         free = fit_path_types(series, training, _with_labels(config, "bic"), logarithms=not faithful)
@@ -253,9 +262,10 @@ def split_windows(
     needed = max(windows_needed(learnt.inputs.shape[1] + FUTURE_STEPS, max(MP_COMPONENTS)), FEWEST_SAMPLES)
     if (found := len(learnt.centres)) < needed:
         raise _too_few(project, driver, fold, f"{found} windows to learn from", needed)
-    types = fit_path_types(series, training, _with_labels(config, LABELS), logarithms=not faithful)
-    path_type = label_rows(series, types, config)
-    return Split(types, learnt, asked, path_type[learnt.centres], path_type[asked.centres])
+    sides = part(series, training + 2 * test, config)
+    types = fit_path_types(sides, training, _with_labels(config, LABELS), logarithms=not faithful)
+    path_type = label_rows(sides, types, config)
+    return Split(types, path_type, learnt, asked)
 
 
 def fit_structure(

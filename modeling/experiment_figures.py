@@ -10,7 +10,7 @@ import numpy as np
 
 from ..schemas.config import Config
 from ..schemas.tasks import Outcome
-from .drivers import label_rows, one_thread, read_series
+from .drivers import one_thread, read_series
 from .experiment_cells import FUTURE_STEPS, fit_structure, known_lookahead, publish_cell, split_windows
 from .lookahead_models import GeneralLookahead, VelocityLookahead
 from .motion_primitives import N1
@@ -60,7 +60,6 @@ def draw_situations(project: Path, driver: str, fold: int, faithful: bool, confi
         for method, (n1, past_steps, components) in METHODS.items():
             split = split_windows(project, driver, series, fold, past_steps, config, faithful=faithful)
             if not situations:
-                path_type = label_rows(series, split.types, config)
                 chosen = _situations(split.asked.outputs, split.asked.centres)
                 for letter, window in zip("abcd", chosen.tolist(), strict=False):
                     around = np.arange(FUTURE_STEPS + 1) + split.asked.centres[window]
@@ -72,7 +71,7 @@ def draw_situations(project: Path, driver: str, fold: int, faithful: bool, confi
                             "time_s": (0.1 * np.arange(FUTURE_STEPS + 1)).tolist(),
                             "course_deviation": series.course_deviation[around].tolist(),
                             "speed": series.speed[around].tolist(),
-                            "path_type": path_type[around].tolist(),
+                            "path_type": split.path_type[around].tolist(),
                             "driven": series.steering_wheel_angle[around].tolist(),
                             "methods": {},
                         }

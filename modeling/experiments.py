@@ -21,6 +21,7 @@ from ..schemas.tasks import Task
 from .claims import Finding, papers, weigh_claims
 from .drivers import modelled_drivers
 from .experiment_cells import (
+    FUTURE_STEPS,
     MP_COMPONENTS,
     MP_SUBSET,
     PAST_STEPS,
@@ -63,7 +64,7 @@ def plan_experiment(project: Project, experiment: Experiment, *, faithful: bool)
         The tasks, and the drivers with too little data.
 
     Raises:
-        InputError: No dataset was built yet.
+        InputError: No dataset was built yet; or training windows would share samples with test windows.
     """
     config = project.config
     drivers, problems = modelled_drivers(project)
@@ -73,11 +74,12 @@ def plan_experiment(project: Project, experiment: Experiment, *, faithful: bool)
         "period": config.sync.period,
         "embargo": config.dataset.embargo,
         "maximum_spread": config.lookahead.maximum_spread,
-        "neutral": config.segments.neutral,
-        "maximum_clusters": config.segments.maximum_clusters,
+        "segments": config.segments.model_dump(exclude={"clusters"}),
         "clustering_seed": config.dataset.seed,
         "wheelbase": config.vehicle.wheelbase,
     }
+    if experiment == "motion-primitives":
+        _check_embargo(project)
     tasks = []
     for fold in range(config.dataset.folds):
         for driver, dataset in drivers.items():
@@ -249,6 +251,21 @@ def _cells(experiment: Experiment, fold: int) -> Iterator[tuple[str, Any, dict[s
             yield f"grid/{at}/{model}/components {components}", evaluate_lookahead, point
     if fold == 0:
         yield f"track/{at}", follow_track, {}
+
+
+def _check_embargo(project: Project) -> None:
+    """Raise `InputError` where the grid's windows are longer than the embargo."""
+    config = project.config
+    grid = {"past_steps": list(PAST_STEPS), "future_steps": FUTURE_STEPS}
+    primitives = config.models.motion_primitives.model_copy(update=grid)
+    models = config.models.model_copy(update={"motion_primitives": primitives})
+    longest = config.model_copy(update={"models": models}).longest_window * config.sync.period / 1e9
+    if config.dataset.embargo < longest:
+        reason = (
+            f"{config.dataset.embargo:g} s is shorter than the experiment's longest window, {longest:g} s, and "
+            f"training windows would share samples with test windows; write {longest:g} or more"
+        )
+        raise InputError(project.directory / "wheelprint.toml", "dataset.embargo", reason)
 
 
 def _variant(faithful: bool) -> str:

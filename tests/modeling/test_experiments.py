@@ -18,6 +18,7 @@ from wheelprint.modeling import cells, experiment_cells, experiment_figures, exp
 from wheelprint.modeling.experiment_cells import fit_apart
 from wheelprint.modeling.experiment_figures import drive_track, lay_track
 from wheelprint.modeling.experiments import Experiment, gather_experiment, plan_experiment
+from wheelprint.schemas.errors import InputError
 from wheelprint.schemas.project import Project
 from wheelprint.schemas.tables import LOOKAHEAD_COLUMNS
 
@@ -70,6 +71,7 @@ def test_plan_holds_the_papers_grids(project: Project, experiment: Experiment, g
     """MP: 5 × 3 points, the path types, and the inputs without the path; PP: 10 numbers of components × 5 models."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(experiments, "PAST_STEPS", (-1, 0, 1, 2, 3))
+        patch.setattr(experiments, "_check_embargo", lambda _: None)  # This project's is for short windows.
         patch.setattr(experiments, "MP_COMPONENTS", (3, 6, 9))
         patch.setattr(experiments, "PP_COMPONENTS", (3, 4, 5, 6, 8, 9, 10, 12, 15, 20))
         patch.setattr(experiments, "REGRESSORS", (None, 3, 4, 5, 6))
@@ -271,6 +273,18 @@ def test_same_inputs_give_the_same_bytes(done: Project, perform: Perform) -> Non
             before = path.read_bytes()
             perform(done, [task])
             assert path.read_bytes() == before
+
+
+def test_an_embargo_shorter_than_the_windows_is_refused(own_project: Project, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(experiments, "FUTURE_STEPS", 50)
+    with pytest.raises(InputError) as caught:
+        plan_experiment(own_project, "motion-primitives", faithful=False)
+    found, longest = own_project.config.dataset.embargo, (50 + 1 + 1 + 4) / 10
+    assert str(caught.value) == (
+        f"{own_project.directory / 'wheelprint.toml'}: dataset.embargo: {found:g} s is shorter than the experiment's "
+        f"longest window, {longest:g} s, and training windows would share samples with test windows; write {longest:g} "
+        "or more"
+    )
 
 
 def test_faithful_alone_is_wrong_usage(own_project: Project) -> None:
