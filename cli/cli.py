@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -32,6 +33,13 @@ ForceOption = Annotated[bool, typer.Option("--force", help="Do everything again,
 WorkersOption = Annotated[int, typer.Option("--workers", min=0, help="Processes; 0: one for each core.")]
 
 HERE = Path()
+
+
+class ExperimentName(StrEnum):
+    """The papers' experiments."""
+
+    motion_primitives = "motion-primitives"
+    lookahead = "lookahead"
 
 
 def _finish(report: Report) -> None:
@@ -145,10 +153,32 @@ def train(
 
 @app.command()
 def evaluate(
-    project: ProjectOption = HERE, workers: WorkersOption = 0, force: ForceOption = False, as_json: JsonOption = False
+    project: ProjectOption = HERE,
+    experiment: Annotated[
+        ExperimentName | None,
+        typer.Option(
+            "--experiment",
+            help="Instead, one of the papers' experiments into results/experiments/; may be stopped and goes on there.",
+        ),
+    ] = None,
+    faithful: Annotated[
+        bool, typer.Option("--faithful", help="The experiment by the papers' formulas as printed.")
+    ] = False,
+    workers: WorkersOption = 0,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
 ) -> None:
-    """Cross-validate the models and their baselines into results/."""
-    _through_pipeline("evaluate", lambda pipeline: pipeline.evaluate(), project, workers, force, as_json)
+    """Cross-validate the models and their baselines into results/, or run one of the papers' experiments."""
+
+    def stages(pipeline: Pipeline) -> None:
+        if experiment is None:
+            pipeline.evaluate()
+        else:
+            pipeline.experiment(experiment.value, faithful=faithful)
+
+    if faithful and experiment is None:
+        raise typer.BadParameter("only an experiment can be faithful: add --experiment", param_hint="--faithful")
+    _through_pipeline("evaluate", stages, project, workers, force, as_json)
 
 
 @app.command()

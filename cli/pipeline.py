@@ -11,6 +11,7 @@ from .schemas.errors import InputError
 from .schemas.store import Manifest
 
 if TYPE_CHECKING:
+    from .modeling.experiments import Experiment
     from .schemas.project import Project
     from .schemas.tasks import Task
 
@@ -101,6 +102,25 @@ class Pipeline:
         self._stage("evaluate", *plan_evaluation(self._project))
         for title, heads, rows in gather_results(self._project):
             self._report.tables.append((title, heads, rows))
+
+    def experiment(self, name: Experiment, *, faithful: bool) -> None:
+        """Dataset to `results/experiments/`; what is done when the user stops it stays and is gathered."""
+        from .modeling.experiments import gather_experiment, plan_experiment
+
+        faithful = faithful or self._project.config.models.faithful
+        tasks, problems = plan_experiment(self._project, name, faithful=faithful)
+        stopped = False
+        try:
+            self._stage(name, tasks, problems)
+        except KeyboardInterrupt:
+            stopped = True
+        for title, heads, rows in gather_experiment(self._project, name, faithful=faithful):
+            self._report.tables.append((title, heads, rows))
+        if stopped:
+            manifest = Manifest(self._project.directory)
+            done = sum(manifest.is_current(task.section, task.name, task.fingerprint) for task in tasks)
+            reason = f"stopped after {done} of {len(tasks)} cells; the same command goes on from there"
+            self._report.problems.append(InputError(self._project.directory, name, reason))
 
     def report(self) -> None:
         """Everything there is to `report/index.html`."""

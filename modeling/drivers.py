@@ -80,13 +80,14 @@ def part(series: Series, group: NDArray[Any], config: Config) -> Series:
     return replace(series, stretch=stretch, segment=segment.astype(np.intp))
 
 
-def fit_path_types(series: Series, rows: Mask, config: Config) -> PathTypes:
+def fit_path_types(series: Series, rows: Mask, config: Config, *, logarithms: bool = True) -> PathTypes:
     """Fit the types of path to the segments that lie entirely in the given rows.
 
     Args:
         series: The driver's data.
         rows: Rows that may be learnt from (n_rows,).
         config: How many clusters; fewer are fitted where there are too few segments.
+        logarithms: See `PathTypes`.
 
     Raises:
         InputError: No segment lies entirely in these rows.
@@ -101,6 +102,7 @@ def fit_path_types(series: Series, rows: Mask, config: Config) -> PathTypes:
         wanted if wanted == "bic" else min(wanted, most),
         min(config.segments.maximum_clusters, most),
         config.dataset.seed,
+        logarithms=logarithms,
     )
 
 

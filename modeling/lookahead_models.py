@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol, Self
+from typing import Any, Literal, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
 
+from .conditional_mode import conditional_mode
 from .estimator import FloatArray
 from .mixture import GaussianMixture
 from .regression import MixtureRegression
+
+Estimate = Literal["mean", "mode"]
+"""What a model predicts: the conditional mean, or where the conditional density is highest (PP eq. 10)."""
 
 SPEED = 1
 """Column of the inputs [Δθ, v] that the velocity-based model classifies by."""
@@ -39,13 +43,14 @@ class GeneralLookahead:
     """One mixture regression for all speeds (PP eqs. 13 to 17).
 
     PP's eq. 16 takes the arg max of the model, and its eq. 17 calls a responsibility a deviation; here it is the
-    conditional mean and standard deviation.
+    conditional mean and standard deviation. `estimate="mode"` is the arg max, around which the deviation is larger.
 
     Args:
         components: n₁, components of the mixture.
         starts: k-means starts; the most likely fit is kept.
         seed: Of the starts.
-        faithful: Regression without priors and with covariance Σ β² C_k, as printed (see `MixtureRegression`).
+        faithful: Regression without priors and with covariance Σ β² C_k, as MP prints it (see `MixtureRegression`).
+        estimate: What is predicted.
 
     Attributes:
         regression: The fitted regression.
@@ -56,6 +61,7 @@ class GeneralLookahead:
     starts: int = 1
     seed: int = 0
     faithful: bool = False
+    estimate: Estimate = "mean"
     regression: MixtureRegression = field(init=False)
     fallbacks: tuple[str, ...] = field(init=False, default=())
 
@@ -88,7 +94,7 @@ class GeneralLookahead:
         Returns:
             Mean and standard deviation, m, each (n_samples,).
         """
-        return self.regression.predict(inputs, return_sd=True)
+        return _predict(self.regression, inputs, self.estimate)
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Return what a file has to hold."""
@@ -119,6 +125,7 @@ class VelocityLookahead:
         starts: k-means starts of every fit; the most likely one is kept.
         seed: Of the starts.
         faithful: As in `GeneralLookahead`.
+        estimate: As in `GeneralLookahead`.
 
     Attributes:
         classes: The first layer, a mixture of the speed, in the order of rising mean speed.
@@ -132,6 +139,7 @@ class VelocityLookahead:
     starts: int = 1
     seed: int = 0
     faithful: bool = False
+    estimate: Estimate = "mean"
     classes: GaussianMixture = field(init=False)
     shares: tuple[int, ...] = field(init=False)
     regressions: tuple[MixtureRegression, ...] = field(init=False)
@@ -189,7 +197,7 @@ class VelocityLookahead:
         own_class = self.classes.predict(inputs[:, [SPEED]])
         for number in np.unique(own_class).tolist():
             own = own_class == number
-            mean[own], sd[own] = self.regressions[number].predict(inputs[own], return_sd=True)
+            mean[own], sd[own] = _predict(self.regressions[number], inputs[own], self.estimate)
         return mean, sd
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
@@ -220,6 +228,15 @@ class VelocityLookahead:
 
     def _fit(self, components: int, inputs: FloatArray, lookahead: FloatArray) -> GeneralLookahead:
         return GeneralLookahead(components, self.starts, self.seed, self.faithful).fit(inputs, lookahead)
+
+
+def _predict(regression: MixtureRegression, inputs: FloatArray, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+    """Return mean and standard deviation, or mode and root mean square deviation from it, each (n_samples,)."""
+    mean, sd = regression.predict(inputs, return_sd=True)
+    if estimate == "mean":
+        return mean, sd
+    mode = conditional_mode(regression, inputs)
+    return mode, np.hypot(sd, mode - mean)
 
 
 def share_out(total: int, samples: npt.NDArray[np.intp]) -> tuple[int, ...]:

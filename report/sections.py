@@ -20,6 +20,7 @@ from . import figures, tables
 from .blocks import Block, Column, Facts, Figure, Gallery, Listing, Note, Section, Table
 from .data_cards import driving_table, folds_table, road_table
 from .drives import Drive, column, describe, readable
+from .experiments import experiment_blocks
 from .personal import personal_blocks
 from .predictions import predicted_stretch
 from .provenance import inputs_table, parameters_table, signals_table, versions_table
@@ -64,6 +65,7 @@ class Content:
             Section("clusters", "Clusters", self._clusters()),
             Section("errors", "Model errors", self._errors()),
             Section("personal", "Personal", self._guarded(personal_blocks, self.project) or []),
+            Section("experiments", "The papers’ experiments", self._guarded(experiment_blocks, self.project) or []),
             Section("prediction", "Prediction", self._predictions()),
             Section("provenance", "Provenance", self._provenance()),
         ]

@@ -459,6 +459,10 @@ class Models(Section):
     personal: Personal = Personal()
     minimum_minutes: float = Field(default=2.0, gt=0, description="a driver with less is not modelled")
     seed: int = 0
+    faithful: bool = Field(
+        default=False,
+        description="`wheelprint evaluate --experiment` runs the papers' formulas as printed, see `docs/choices.md`",
+    )
 
 
 class Config(Section):
