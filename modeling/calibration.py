@@ -46,19 +46,14 @@ class Calibration:
             errors: What happened minus the predicted mean (n_samples, n_steps), on data that was not learnt from.
             sd: Standard deviations that the model stated (n_samples, n_steps).
         """
-        from scipy.stats import t
-
         narrow, wide = np.quantile(np.abs(errors / sd), (0.68, 0.95), axis=0)
-        narrow_of_t, wide_of_t = (np.asarray(t.ppf(quantile, FREEDOM)) for quantile in (0.84, 0.975))
+        narrow_of_t, wide_of_t = (_quantile(FREEDOM, quantile) for quantile in (0.84, 0.975))
         nearest = np.abs((wide / narrow)[:, None] - wide_of_t / narrow_of_t).argmin(axis=1)
         return cls(narrow / narrow_of_t[nearest], FREEDOM[nearest])
 
     def half_width(self, sd: Floats, share: float) -> Floats:
         """Return half the width of the central band that holds a share, like `sd` (n_samples, n_steps)."""
-        from scipy.stats import t
-
-        factor: Floats = self.scale * np.asarray(t.ppf((1.0 + share) / 2.0, self.freedom))
-        return sd * factor
+        return sd * (self.scale * _quantile(self.freedom, (1.0 + share) / 2.0))
 
     def variance(self, sd: Floats) -> Floats:
         """Return the variance of the distribution, like `sd` (n_samples, n_steps)."""
@@ -67,10 +62,7 @@ class Calibration:
 
     def probability(self, errors: Floats, sd: Floats) -> Floats:
         """Return the probability of a smaller error, the probability integral transform (n_samples, n_steps)."""
-        from scipy.stats import t
-
-        below: Floats = np.asarray(t.cdf(errors / (sd * self.scale), self.freedom))
-        return below
+        return _distribution(self.freedom, errors / (sd * self.scale))
 
     def crps(self, errors: Floats, sd: Floats) -> Floats:
         """Return the continuous ranked probability score in the unit of the errors (n_samples, n_steps).
@@ -79,21 +71,18 @@ class Calibration:
         Lerch (2019) for Student's t. A forecast of one value without spread has its absolute error.
         """
         from scipy.special import beta
-        from scipy.stats import norm, t
 
         width = sd * self.scale
         z = errors / width
-        gaussian = np.isinf(self.freedom)
-        score = np.empty_like(z)
-        if gaussian.any():
-            own = z[:, gaussian]
-            score[:, gaussian] = own * (2.0 * norm.cdf(own) - 1.0) + 2.0 * norm.pdf(own) - 1.0 / np.sqrt(np.pi)
-        if not gaussian.all():
-            own, n = z[:, ~gaussian], self.freedom[~gaussian]
-            spread = 2.0 * np.sqrt(n) / (n - 1.0) * beta(0.5, n - 0.5) / np.square(beta(0.5, n / 2.0))
-            peak = 2.0 * t.pdf(own, n) * (n + np.square(own)) / (n - 1.0)
-            score[:, ~gaussian] = own * (2.0 * t.cdf(own, n) - 1.0) + peak - spread
-        return width * score
+        n = np.where(np.isinf(self.freedom), 3.0, self.freedom)
+        constant = 1.0 / (np.sqrt(n) * beta(0.5, n / 2.0))
+        density = constant * (1.0 + np.square(z) / n) ** (-(n + 1.0) / 2.0)
+        peak = 2.0 * density * (n + np.square(z)) / (n - 1.0)
+        spread = 2.0 * np.sqrt(n) / (n - 1.0) * beta(0.5, n - 0.5) / np.square(beta(0.5, n / 2.0))
+        gaussian = 2.0 * np.exp(-np.square(z) / 2.0) / np.sqrt(2.0 * np.pi) - 1.0 / np.sqrt(np.pi)
+        rest = np.where(np.isinf(self.freedom), gaussian, peak - spread)
+        score: Floats = width * (z * (2.0 * _distribution(self.freedom, z) - 1.0) + rest)
+        return score
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return what a file has to hold."""
@@ -123,3 +112,20 @@ class Forecast:
     def gaussian(cls, mean: Floats, variance: Floats) -> Self:
         """Return a forecast of Gaussians with means and variances (n_windows, n_steps)."""
         return cls(mean, np.sqrt(variance), Calibration.gaussian(mean.shape[1]))
+
+
+def _distribution(freedom: Floats, z: Floats) -> Floats:
+    """Return P(Z ≤ z) of Student's t, of the Gaussian where the degrees of freedom are infinite."""
+    from scipy.special import ndtr, stdtr
+
+    below: Floats = np.where(np.isinf(freedom), ndtr(z), stdtr(np.where(np.isinf(freedom), 1.0, freedom), z))
+    return below
+
+
+def _quantile(freedom: Floats, probability: float) -> Floats:
+    """Return the inverse of `_distribution` at one probability, like `freedom`."""
+    from scipy.special import ndtri, stdtrit
+
+    of_t = stdtrit(np.where(np.isinf(freedom), 1.0, freedom), probability)
+    quantile: Floats = np.where(np.isinf(freedom), ndtri(probability), of_t)
+    return quantile

@@ -27,7 +27,7 @@ from .kinematic import Kinematic
 from .learned_baselines import LearnedBaseline
 from .lookahead_models import GeneralLookahead, VelocityLookahead
 from .measures import measure
-from .motion_primitives import MotionPrimitives, fit_motion_primitives, windows_needed
+from .motion_primitives import N1, MotionPrimitives, fit_motion_primitives, windows_needed
 from .windows import Floats, Mask, Rows, Series, Windows, cut_windows, window_centres
 
 MIXTURES = {"paper": "mixture", "curvature": "curvature_mixture"}
@@ -101,7 +101,14 @@ def evaluate_motion_primitives(project: Path, driver: str, fold: int, past_steps
             for inputs in dict.fromkeys(settings.inputs):
                 model = MIXTURES[inputs]
                 finest, facts = fit_mixture(
-                    inputs, learnt, path_type[learnt.centres], past_steps, components, ridge.penalty, config
+                    inputs,
+                    learnt,
+                    path_type[learnt.centres],
+                    settings.path_types,
+                    past_steps,
+                    components,
+                    ridge.penalty,
+                    config,
                 )
                 fitted[f"{model}, {components} components"] = facts
                 for n1 in settings.path_types:
@@ -119,17 +126,19 @@ def fit_mixture(
     inputs: Literal["paper", "curvature"],
     learnt: Windows,
     path_types: NDArray[Any],
+    told_apart: Sequence[N1],
     past_steps: int,
     components: int,
     penalty: float,
     config: Config,
 ) -> tuple[MotionPrimitives, dict[str, Any]]:
-    """Fit and, where the project file asks for it, calibrate motion primitives with the finest n₁ that it names.
+    """Fit and, where the project file asks for it, calibrate motion primitives of the finest n₁ asked for.
 
     Args:
         inputs: Which mixture, as `[models.motion_primitives] inputs` names it.
         learnt: Windows to learn from.
         path_types: Path type of each window (n_windows,).
+        told_apart: Each n₁ that will be asked for.
         past_steps: n₂.
         components: n₄.
         penalty: What ridge regression of the same windows chose.
@@ -139,7 +148,7 @@ def fit_mixture(
         The motion primitives, and what was chosen: `covariance_shrinkage_rows` or `tied`, and whether `calibrated`.
     """
     settings, seed = config.models.motion_primitives, config.models.seed
-    finest, levels = max(settings.path_types), settings.path_types if settings.calibrate else ()
+    finest, levels = max(told_apart), told_apart if settings.calibrate else ()
     if inputs == "curvature":
         primitives, tied = fit_curvature_primitives(
             learnt.inputs,

@@ -57,7 +57,7 @@ def measure(forecast: Forecast, truth: Floats, step: float) -> tuple[Row, list[R
     edges = np.linspace(0.0, 1.0, PROBABILITY_BINS + 1)
     counts = np.histogram(calibration.probability(errors, sd), edges)[0]
     probabilities: list[Row] = [
-        {"probability": float(edge), "share": float(count / errors.size) if errors.size else None}
+        {"probability": round(float(edge), 6), "share": float(count / errors.size) if errors.size else None}
         for edge, count in zip(edges, counts, strict=False)
     ]
     return {**overall, "samples": len(errors)}, horizons, probabilities
