@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy import integrate, stats
@@ -14,7 +16,7 @@ SD = np.array([[2.0, 1.0, 3.0], [0.5, 4.0, 1.0]])
 ERRORS = np.array([[0.0, -2.5, 4.0], [1.5, 9.0, -0.3]])
 
 
-def distributions() -> list[list[stats.rv_continuous]]:
+def distributions() -> list[list[Any]]:
     return [
         [
             stats.norm(scale=sd * scale) if np.isinf(freedom) else stats.t(freedom, scale=sd * scale)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pytest
 
@@ -118,7 +120,7 @@ def test_kinematic_steering_is_that_of_the_bicycle_model() -> None:
 
 
 @pytest.mark.parametrize("kind", ["trees", "network"])
-def test_learned_baselines_beat_persistence(kind: str) -> None:
+def test_learned_baselines_beat_persistence(kind: Literal["trees", "network"]) -> None:
     inputs, outputs, _ = drive(1500, 8)
     asked, truth, _ = drive(600, 9)
     learned = LearnedBaseline.fit(kind, inputs, outputs, past_steps=PAST, gap=10)
