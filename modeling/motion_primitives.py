@@ -21,13 +21,8 @@ penalty; so the penalty that ridge regression of the same windows chooses by cro
 from __future__ import annotations
 
 from collections import Counter
-<<<<<<< HEAD
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-=======
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
->>>>>>> 6b3b282 (A curvature mixture, calibrated bands, baselines at equal inputs, error by horizon and ranked probability score)
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -110,24 +105,13 @@ class MotionPrimitives:
     def forecast(self, inputs: Floats, path_types: NDArray[Any]) -> Forecast:
         """Return the predictive distributions of every future step; arguments as for `predict`."""
         outputs = self.regressions[EVERYTHING].n_outputs_
-<<<<<<< HEAD
-        mean, variance = np.empty((len(inputs), outputs)), np.empty((len(inputs), outputs))
-        for regression, own in self._shared_out(path_types):
-            mean[own], deviation = regression.predict(inputs[own], return_sd=True)
-            variance[own] = np.square(deviation)
-        return mean, variance
-=======
         mean, sd = np.empty((len(inputs), outputs)), np.empty((len(inputs), outputs))
         given = inputs if self.coordinates is None else self.coordinates.transform(inputs)
-        distinct, which = np.unique(path_types.astype(str), return_inverse=True)
-        models = np.array([self.model_of(path_type) for path_type in distinct.tolist()], dtype=object)[which]
-        for model in dict.fromkeys(models):
-            own = np.flatnonzero(models == model)
-            mean[own], sd[own] = self.regressions[model].predict(given[own], return_sd=True)
+        for regression, own in self._shared_out(path_types):
+            mean[own], sd[own] = regression.predict(given[own], return_sd=True)
         if self.coordinates is not None:
             mean += self.coordinates.origin(inputs)
         return Forecast(mean, sd, self.calibrations.get(self.n1, Calibration.gaussian(outputs)))
->>>>>>> 6b3b282 (A curvature mixture, calibrated bands, baselines at equal inputs, error by horizon and ranked probability score)
 
     def domain_score(self, inputs: Floats, path_types: NDArray[Any]) -> Floats:
         """Return how ordinary windows are: the log density of the inputs in the regression that predicts, nats.
@@ -140,8 +124,9 @@ class MotionPrimitives:
             Shape (n_windows,).
         """
         score = np.empty(len(inputs))
+        given = inputs if self.coordinates is None else self.coordinates.transform(inputs)
         for regression, own in self._shared_out(path_types):
-            score[own] = regression.domain_score(inputs[own])
+            score[own] = regression.domain_score(given[own])
         return score
 
     def model_of(self, path_type: str) -> str:
