@@ -21,7 +21,7 @@ penalty; so the penalty that ridge regression of the same windows chooses by cro
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Self
 
