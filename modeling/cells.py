@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from statistics import NormalDist
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..dataset.folds import training_mask
 from ..schemas.config import Config
@@ -17,13 +18,20 @@ from ..schemas.project import encode_name
 from ..schemas.store import describe_output, publish_json
 from ..schemas.tasks import Outcome
 from .baselines import Persistence, Ridge
+from .calibration import Forecast
+from .curvature import curvature_blocks
+from .curvature_primitives import fit_curvature_primitives
 from .drivers import describe_path_types, fit_path_types, label_rows, one_thread, part, read_series
+from .held_out import blocks_of, calibrate
+from .kinematic import Kinematic
+from .learned_baselines import LearnedBaseline
 from .lookahead_models import GeneralLookahead, VelocityLookahead
-from .motion_primitives import fit_motion_primitives, windows_needed
-from .windows import Floats, Mask, Series, cut_windows, window_centres
+from .measures import measure
+from .motion_primitives import N1, MotionPrimitives, fit_motion_primitives, windows_needed
+from .windows import Floats, Mask, Rows, Series, Windows, cut_windows, window_centres
 
-WITHIN_68, WITHIN_95 = (NormalDist().inv_cdf((1.0 + share) / 2.0) for share in (0.68, 0.95))
-"""Half widths of the Gaussian bands that hold 68 % and 95 %, in standard deviations."""
+MIXTURES = {"paper": "mixture", "curvature": "curvature_mixture"}
+"""Mixture as `[models.motion_primitives] inputs` names it -> its name in the results."""
 
 FEWEST_SAMPLES = 100
 """Windows, or lookahead distances, without which nothing is fitted: 10 s."""
@@ -59,53 +67,145 @@ def evaluate_motion_primitives(project: Path, driver: str, fold: int, past_steps
     if (found := len(learnt.centres)) < needed:
         raise _too_few(project, driver, fold, f"{found} windows to learn from", needed)
     rows: list[dict[str, Any]] = []
+    horizons: list[dict[str, Any]] = []
+    probabilities: list[dict[str, Any]] = []
+    step = config.sync.period / 1e9
 
-    def measure(model: str, path_types: int, components: int | None, prediction: tuple[Floats, Floats]) -> None:
-        mean, variance = prediction
-        error, sd = np.abs(mean - asked.outputs), np.sqrt(variance)
-        rows.append(
-            {
-                "driver": driver,
-                "model": model,
-                "path_types": path_types,
-                "past_steps": past_steps,
-                "future_steps": future,
-                "components": components,
-                "fold": fold,
-                "mean_error": _mean(error),
-                "mean_variance": _mean(variance),
-                "coverage_68": _mean(error <= WITHIN_68 * sd),
-                "coverage_95": _mean(error <= WITHIN_95 * sd),
-                "samples": len(error),
-            }
-        )
+    def note(model: str, forecast: Forecast, path_types: int = 1, components: int | None = None) -> None:
+        name = {
+            "driver": driver,
+            "model": model,
+            "path_types": path_types,
+            "past_steps": past_steps,
+            "future_steps": future,
+            "components": components,
+            "fold": fold,
+        }
+        overall, by_horizon, by_probability = measure(forecast, asked.outputs, step)
+        rows.append(name | overall)
+        horizons.extend(name | row for row in by_horizon)
+        probabilities.extend(name | row for row in by_probability)
 
     with one_thread():
         sides = part(series, training + 2 * test, config)
         types = fit_path_types(sides, training, config)
         path_type = label_rows(sides, types, config)
         ridge = Ridge.fit(learnt.inputs, learnt.outputs, gap=past + future)
-        measure("persistence", 1, None, Persistence.fit(learnt.current, learnt.outputs).predict(asked.current))
-        measure("ridge", 1, None, ridge.predict(asked.inputs))
+        note("persistence", Forecast.gaussian(*Persistence.fit(learnt.current, learnt.outputs).predict(asked.current)))
+        note("ridge", Forecast.gaussian(*ridge.predict(asked.inputs)))
+        for name, forecast in _baselines(learnt, asked, past_steps, config):
+            note(name, forecast)
         fallbacks: dict[str, dict[str, str]] = {}
+        fitted: dict[str, Any] = {}
         for components in settings.components:
-            finest = fit_motion_primitives(
-                learnt.inputs,
-                learnt.outputs,
-                path_type[learnt.centres],
-                n1=max(settings.path_types),
-                components=components,
-                shrinkage=ridge.penalty,
-                starts=settings.starts,
-                seed=config.models.seed,
-            )
-            for n1 in settings.path_types:
-                primitives = finest.coarser(n1)
-                fallbacks[f"{n1} path types, {components} components"] = primitives.fallbacks()
-                measure("mixture", n1, components, primitives.predict(asked.inputs, path_type[asked.centres]))
-    facts = {"penalty": ridge.penalty, "clusters": describe_path_types(types), "fallbacks": fallbacks}
+            for inputs in dict.fromkeys(settings.inputs):
+                model = MIXTURES[inputs]
+                finest, facts = fit_mixture(
+                    inputs,
+                    learnt,
+                    path_type[learnt.centres],
+                    settings.path_types,
+                    past_steps,
+                    components,
+                    ridge.penalty,
+                    config,
+                )
+                fitted[f"{model}, {components} components"] = facts
+                for n1 in settings.path_types:
+                    primitives = finest.coarser(n1)
+                    fallbacks[f"{model}, {n1} path types, {components} components"] = primitives.fallbacks()
+                    forecast = primitives.forecast(asked.inputs, path_type[asked.centres])
+                    note(model, forecast, n1, components)
+    said = {"penalty": ridge.penalty, "fits": fitted, "clusters": describe_path_types(types), "fallbacks": fallbacks}
+    details = {"horizons": horizons, "calibration": probabilities}
     file = f"fold-{fold}.past-{past_steps}.json"
-    return _publish(project, Path("motion_primitives") / encode_name(driver) / file, rows, facts)
+    return _publish(project, Path("motion_primitives") / encode_name(driver) / file, rows, said | details)
+
+
+def fit_mixture(
+    inputs: Literal["paper", "curvature"],
+    learnt: Windows,
+    path_types: NDArray[Any],
+    told_apart: Sequence[N1],
+    past_steps: int,
+    components: int,
+    penalty: float,
+    config: Config,
+) -> tuple[MotionPrimitives, dict[str, Any]]:
+    """Fit and, where the project file asks for it, calibrate motion primitives of the finest n₁ asked for.
+
+    Args:
+        inputs: Which mixture, as `[models.motion_primitives] inputs` names it.
+        learnt: Windows to learn from.
+        path_types: Path type of each window (n_windows,).
+        told_apart: Each n₁ that will be asked for.
+        past_steps: n₂.
+        components: n₄.
+        penalty: What ridge regression of the same windows chose.
+        config: The project file.
+
+    Returns:
+        The motion primitives, and what was chosen: `covariance_shrinkage_rows` or `tied`, and whether `calibrated`.
+    """
+    settings, seed = config.models.motion_primitives, config.models.seed
+    finest, levels = max(told_apart), told_apart if settings.calibrate else ()
+    if inputs == "curvature":
+        primitives, tied = fit_curvature_primitives(
+            learnt.inputs,
+            learnt.outputs,
+            path_types,
+            learnt.centres,
+            n1=finest,
+            components=components,
+            past_steps=past_steps,
+            step=config.sync.period / 1e9,
+            levels=levels,
+            starts=settings.starts,
+            seed=seed,
+        )
+        return primitives, {"tied": tied, "calibrated": bool(primitives.calibrations)}
+
+    def fit(rows: Rows) -> MotionPrimitives:
+        return fit_motion_primitives(
+            learnt.inputs[rows],
+            learnt.outputs[rows],
+            path_types[rows],
+            n1=finest,
+            components=components,
+            shrinkage=penalty * len(rows) / len(learnt.centres),
+            starts=settings.starts,
+            seed=seed,
+        )
+
+    primitives, calibrations = fit(np.arange(len(learnt.centres))), {}
+    if levels:
+        needed = windows_needed(learnt.inputs.shape[1] + settings.future_steps, components)
+        length = max(past_steps, 0) + 1 + settings.future_steps
+        blocks = blocks_of(learnt.centres, length, needed)
+        calibrations = calibrate(fit, learnt.inputs, learnt.outputs, path_types, blocks, levels)
+    facts = {"covariance_shrinkage_rows": penalty, "calibrated": bool(calibrations)}
+    return replace(primitives, calibrations=calibrations), facts
+
+
+def _baselines(learnt: Windows, asked: Windows, past_steps: int, config: Config) -> Iterator[tuple[str, Forecast]]:
+    """Yield the forecasts of the baselines that the project file names, from the papers' inputs all of them."""
+    settings, step = config.models.motion_primitives, config.sync.period / 1e9
+    gap = max(past_steps, 0) + settings.future_steps
+    for name in dict.fromkeys(settings.baselines):
+        if name == "kinematic":
+            kinematic = Kinematic.fit(learnt.inputs, learnt.outputs, past_steps, step, gap=gap)
+            yield name, Forecast.gaussian(*kinematic.predict(asked.inputs))
+        elif name == "ridge_curvature":
+            blocks = (
+                curvature_blocks(windows.inputs, past_steps, settings.future_steps, step) for windows in (learnt, asked)
+            )
+            given, tested = (np.concatenate([k, kv2, seen], axis=1) for k, kv2, _, seen in blocks)
+            yield name, Forecast.gaussian(*Ridge.fit(given, learnt.outputs, gap=gap).predict(tested))
+        else:
+            learned = LearnedBaseline.fit(
+                name, learnt.inputs, learnt.outputs, past_steps=past_steps, gap=gap, seed=config.models.seed
+            )
+            yield name, Forecast.gaussian(*learned.predict(asked.inputs))
 
 
 def evaluate_lookahead(project: Path, driver: str, fold: int, config: Config) -> Outcome:

@@ -12,7 +12,7 @@ from .. import __version__
 from ..schemas.errors import InputError
 from ..schemas.project import Project
 from ..schemas.store import Manifest, fingerprint, publish_json, publish_text
-from ..schemas.tables import LOOKAHEAD_COLUMNS, MOTION_PRIMITIVE_COLUMNS
+from ..schemas.tables import CALIBRATION_COLUMNS, HORIZON_COLUMNS, LOOKAHEAD_COLUMNS, MOTION_PRIMITIVE_COLUMNS
 from ..schemas.tasks import Task
 from .cells import evaluate_lookahead, evaluate_motion_primitives
 from .drivers import modelled_drivers
@@ -21,7 +21,10 @@ from .personal_evaluation import gather_personal, plan_personal
 EXPERIMENTS = {"lookahead": LOOKAHEAD_COLUMNS, "motion_primitives": MOTION_PRIMITIVE_COLUMNS}
 """Experiment -> columns of its table of results."""
 
-MEASURES = ("mean_error", "mean_sd", "mean_variance", "coverage_68", "coverage_95")
+DETAILS = {"horizons": HORIZON_COLUMNS, "calibration": CALIBRATION_COLUMNS}
+"""What the cells of motion primitives hold beside their rows -> columns of its table."""
+
+MEASURES = ("mean_error", "mean_sd", "mean_variance", "coverage_68", "coverage_95", "crps")
 
 Row = Mapping[str, Any]
 
@@ -66,8 +69,9 @@ def plan_evaluation(project: Project) -> tuple[list[Task], list[InputError]]:
 def gather_results(project: Project) -> list[tuple[str, tuple[str, ...], list[tuple[Any, ...]]]]:
     """Gather the current cells into `results/lookahead.csv`, `results/motion_primitives.csv` and `summary.json`.
 
-    The tables hold one line for each driver, model, fold and split; a cell that could not be computed is absent, a
-    column that does not apply is empty. The summary holds the means over the folds.
+    `horizons.csv` and `calibration.csv` say more of the motion primitives, by horizon and by probability. The tables
+    hold one line for each driver, model, fold and split; a cell that could not be computed is absent, a column that
+    does not apply is empty. The summary holds the means over the folds.
 
     Returns:
         The summary of the test folds as tables to print: title, heads and rows.
@@ -76,21 +80,24 @@ def gather_results(project: Project) -> list[tuple[str, tuple[str, ...], list[tu
         InputError: No dataset was built yet.
     """
     manifest = Manifest(project.directory)
-    rows: dict[str, list[Row]] = {experiment: [] for experiment in EXPERIMENTS}
+    rows: dict[str, list[Row]] = {name: [] for name in (*EXPERIMENTS, *DETAILS)}
     tasks = plan_evaluation(project)[0]
     for task in tasks:
-        if task.name.split("/")[0] in rows and manifest.is_current(task.section, task.name, task.fingerprint):
+        if task.name.split("/")[0] in EXPERIMENTS and manifest.is_current(task.section, task.name, task.fingerprint):
             for output in manifest.entry(task.section, task.name)["outputs"]:
                 content = json.loads((project.directory / output["path"]).read_text(encoding="utf-8"))
                 rows[task.name.split("/")[0]] += content["rows"]
+                for name in DETAILS:
+                    rows[name] += content.get(name, ())
     summary: dict[str, list[Row]] = {}
     printed = []
-    for experiment, columns in EXPERIMENTS.items():
+    for name, columns in (EXPERIMENTS | DETAILS).items():
         text = io.StringIO()
         table = csv.DictWriter(text, columns, lineterminator="\n")
         table.writeheader()
-        table.writerows(rows[experiment])
-        publish_text(project.results_folder / f"{experiment}.csv", text.getvalue())
+        table.writerows(rows[name])
+        publish_text(project.results_folder / f"{name}.csv", text.getvalue())
+    for experiment, columns in EXPERIMENTS.items():
         summary[experiment] = _means_over_folds(rows[experiment], columns)
         heads = tuple(name for name in columns if name not in ("fold", "split"))
         title = experiment.replace("_", " ").capitalize() + ": means over the test folds"

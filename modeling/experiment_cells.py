@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ from ..schemas.project import encode_name
 from ..schemas.store import describe_output, publish_json
 from ..schemas.tasks import Outcome
 from .baselines import Ridge
-from .cells import FEWEST_SAMPLES, WITHIN_68, WITHIN_95
+from .cells import FEWEST_SAMPLES
 from .drivers import describe_path_types, fit_path_types, label_rows, one_thread, part, read_series
 from .lookahead_models import GeneralLookahead, VelocityLookahead
 from .mixture import GaussianMixture
@@ -34,6 +35,9 @@ from .motion_primitives import EVERYTHING, N1, TOLERANCE, MotionPrimitives, fit_
 from .path_types import PathTypes
 from .regression import MixtureRegression
 from .windows import Floats, Mask, Series, Windows, cut_windows, window_centres
+
+WITHIN_68, WITHIN_95 = (NormalDist().inv_cdf((1.0 + share) / 2.0) for share in (0.68, 0.95))
+"""Half widths of the Gaussian bands that hold 68 % and 95 %, in standard deviations."""
 
 LABELS = 3
 """Clusters of path segments, so that n₁ is 1, 3 and 27 as in MP."""

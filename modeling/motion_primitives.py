@@ -22,13 +22,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .adaptation import adapt
+from .calibration import Calibration, Forecast
+from .curvature import CurvatureCoordinates
 from .mixture import GaussianMixture
 from .regression import MixtureRegression
 
@@ -75,11 +77,15 @@ class MotionPrimitives:
         n1: Path types that are told apart.
         regressions: By path type (`1-3-2`), own label (`3`) or `all`; `all` is always there.
         samples: Training windows by path type, own label and `all`, also of those without a regression.
+        coordinates: What they predict the change of the angle from; None: the angle itself, from the papers' inputs.
+        calibrations: By n₁, how the errors are distributed; without one, as Gaussians of the stated variances.
     """
 
     n1: N1
     regressions: Mapping[str, MixtureRegression]
     samples: Mapping[str, int]
+    coordinates: CurvatureCoordinates | None = None
+    calibrations: Mapping[int, Calibration] = field(default_factory=dict)
 
     def predict(self, inputs: Floats, path_types: NDArray[Any]) -> tuple[Floats, Floats]:
         """Predict the steering wheel angle of every future step (MP eqs. 18 to 22, corrected).
@@ -89,14 +95,21 @@ class MotionPrimitives:
             path_types: Path type of each window, such as `1-3-2` (n_windows,).
 
         Returns:
-            Means in deg and variances in deg², each (n_windows, n₃).
+            Means in deg and variances in deg², calibrated where that was fitted, each (n_windows, n₃).
         """
+        forecast = self.forecast(inputs, path_types)
+        return forecast.mean, forecast.calibration.variance(forecast.sd)
+
+    def forecast(self, inputs: Floats, path_types: NDArray[Any]) -> Forecast:
+        """Return the predictive distributions of every future step; arguments as for `predict`."""
         outputs = self.regressions[EVERYTHING].n_outputs_
-        mean, variance = np.empty((len(inputs), outputs)), np.empty((len(inputs), outputs))
+        mean, sd = np.empty((len(inputs), outputs)), np.empty((len(inputs), outputs))
+        given = inputs if self.coordinates is None else self.coordinates.transform(inputs)
         for regression, own in self._shared_out(path_types):
-            mean[own], deviation = regression.predict(inputs[own], return_sd=True)
-            variance[own] = np.square(deviation)
-        return mean, variance
+            mean[own], sd[own] = regression.predict(given[own], return_sd=True)
+        if self.coordinates is not None:
+            mean += self.coordinates.origin(inputs)
+        return Forecast(mean, sd, self.calibrations.get(self.n1, Calibration.gaussian(outputs)))
 
     def domain_score(self, inputs: Floats, path_types: NDArray[Any]) -> Floats:
         """Return how ordinary windows are: the log density of the inputs in the regression that predicts, nats.
@@ -109,8 +122,9 @@ class MotionPrimitives:
             Shape (n_windows,).
         """
         score = np.empty(len(inputs))
+        given = inputs if self.coordinates is None else self.coordinates.transform(inputs)
         for regression, own in self._shared_out(path_types):
-            score[own] = regression.domain_score(inputs[own])
+            score[own] = regression.domain_score(given[own])
         return score
 
     def model_of(self, path_type: str) -> str:
@@ -132,7 +146,7 @@ class MotionPrimitives:
     def coarser(self, n1: N1) -> MotionPrimitives:
         """Return the same structure with a smaller n₁, which is part of it."""
         kept = {name: regression for name, regression in self.regressions.items() if _level(name) <= n1}
-        return MotionPrimitives(n1, kept, self.samples)
+        return replace(self, n1=n1, regressions=kept)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return what a file has to hold."""
@@ -141,22 +155,27 @@ class MotionPrimitives:
             "sample_names": np.array(list(self.samples)),
             "sample_counts": np.array(list(self.samples.values())),
         }
-        for name, regression in self.regressions.items():
-            arrays |= {f"regressions/{name}/{part}": values for part, values in regression.arrays().items()}
-        return arrays
+        parts = {f"regressions/{name}": regression.arrays() for name, regression in self.regressions.items()}
+        parts |= {f"calibrations/{n1}": calibration.arrays() for n1, calibration in self.calibrations.items()}
+        if self.coordinates is not None:
+            parts["coordinates"] = self.coordinates.arrays()
+        return arrays | {f"{name}/{part}": values for name, own in parts.items() for part, values in own.items()}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Self:
         """Return the motion primitives that `arrays` was taken from."""
-        parts: dict[str, dict[str, NDArray[Any]]] = {}
-        for name, values in arrays.items():
-            if name.startswith("regressions/"):
-                _, regression, part = name.split("/")
-                parts.setdefault(regression, {})[part] = values
+        parts: dict[str, dict[str, dict[str, NDArray[Any]]]] = {}
+        for path, values in arrays.items():
+            if "/" in path:
+                *kind, part = path.split("/")
+                parts.setdefault(kind[0], {}).setdefault(kind[-1], {})[part] = values
+        coordinates = parts.get("coordinates", {}).get("coordinates")
         return cls(
             arrays["n1"].item(),
-            {name: MixtureRegression.from_arrays(own) for name, own in parts.items()},
+            {name: MixtureRegression.from_arrays(own) for name, own in parts["regressions"].items()},
             dict(zip(arrays["sample_names"].tolist(), arrays["sample_counts"].tolist(), strict=True)),
+            None if coordinates is None else CurvatureCoordinates.from_arrays(coordinates),
+            {int(name): Calibration.from_arrays(own) for name, own in parts.get("calibrations", {}).items()},
         )
 
 
@@ -193,20 +212,40 @@ def fit_motion_primitives(
         raise ValueError(
             f"{components} components of {joint.shape[1]} channels need {needed} windows, not {len(joint)}"
         )
-    names = np.array([[*reversed(_names(path_type, n1))] for path_type in path_types.astype(str).tolist()])
-    samples = Counter(names.ravel().tolist())
     noise = shrinkage * joint.var(axis=0)
     noise[inputs.shape[1] :] = 0.0
-    mixtures = {EVERYTHING: _fit(joint, inputs.shape[1], components, shrinkage, starts, seed)}
+    everything = _fit(joint, inputs.shape[1], components, shrinkage, starts, seed)
+    mixtures, samples = adapt_to_path_types(everything, joint, path_types, n1=n1, noise=noise)
+    columns = np.arange(joint.shape[1])
+    split = (columns[: inputs.shape[1]], columns[inputs.shape[1] :])
+    regressions = {name: MixtureRegression.from_mixture(mixture, *split) for name, mixture in mixtures.items()}
+    return MotionPrimitives(n1, regressions, samples)
+
+
+def adapt_to_path_types(
+    everything: GaussianMixture, joint: Floats, path_types: NDArray[Any], *, n1: N1, noise: Floats
+) -> tuple[dict[str, GaussianMixture], dict[str, int]]:
+    """Adapt the mixture of all windows to own labels, and theirs to path types, as far as there are windows.
+
+    Args:
+        everything: The mixture of all windows.
+        joint: All windows (n_windows, n_channels).
+        path_types: Path type of each window (n_windows,).
+        n1: Path types that are told apart.
+        noise: Sum of squares of the rows of noise beside each component's own (n_channels,).
+
+    Returns:
+        The mixtures by name, `everything` as `all`, and the windows by name, also of those without a mixture.
+    """
+    names = np.array([[*reversed(_names(path_type, n1))] for path_type in path_types.astype(str).tolist()])
+    samples = Counter(names.ravel().tolist())
+    mixtures = {EVERYTHING: everything}
     for name in sorted(samples, key=lambda name: (_level(name), name)):
         if name != EVERYTHING and samples[name] >= OWN_WINDOWS * joint.shape[1]:
             parent = next(mixtures[other] for other in _names(name, n1)[1:] if other in mixtures)
             own = joint[(names == name).any(axis=1)]
             mixtures[name] = adapt(parent, own, PRIOR_WINDOWS * joint.shape[1], noise=noise)
-    columns = np.arange(joint.shape[1])
-    split = (columns[: inputs.shape[1]], columns[inputs.shape[1] :])
-    regressions = {name: MixtureRegression.from_mixture(mixture, *split) for name, mixture in mixtures.items()}
-    return MotionPrimitives(n1, regressions, dict(sorted(samples.items())))
+    return mixtures, dict(sorted(samples.items()))
 
 
 def windows_needed(channels: int, components: int) -> int:

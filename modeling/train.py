@@ -17,10 +17,10 @@ from ..schemas.project import Project
 from ..schemas.store import describe_output, fingerprint
 from ..schemas.tasks import Outcome, Task
 from .baselines import Ridge
-from .cells import FEWEST_SAMPLES
+from .cells import FEWEST_SAMPLES, fit_mixture
 from .drivers import describe_path_types, fit_path_types, label_rows, modelled_drivers, one_thread, read_series
 from .lookahead_models import GeneralLookahead, VelocityLookahead
-from .motion_primitives import fit_motion_primitives, windows_needed
+from .motion_primitives import windows_needed
 from .predict import MODEL, SteeringModel
 from .storage import FORMAT, Arrays, Golden, save_model
 from .windows import Series, cut_windows, window_centres
@@ -89,16 +89,8 @@ def train_motion_primitives(project: Path, driver: str, files: Mapping[str, str]
         types = fit_path_types(series, np.ones(len(series.time), dtype=np.bool_), config)
         path_type = label_rows(series, types, config)[centres]
         penalty = Ridge.fit(windows.inputs, windows.outputs, gap=past + future).penalty
-        primitives = fit_motion_primitives(
-            windows.inputs,
-            windows.outputs,
-            path_type,
-            n1=settings.path_types[-1],
-            components=components,
-            shrinkage=penalty,
-            starts=settings.starts,
-            seed=config.models.seed,
-        )
+        inputs, n1 = settings.inputs[-1], settings.path_types[-1]
+        primitives, facts = fit_mixture(inputs, windows, path_type, [n1], past_steps, components, penalty, config)
         model = SteeringModel(primitives, types, past_steps, future, config.sync.period, division_of(config))
         chosen = _spread_out(len(centres))
         golden = (windows.inputs[chosen], path_type[chosen])
@@ -113,13 +105,14 @@ def train_motion_primitives(project: Path, driver: str, files: Mapping[str, str]
         },
         "outputs": {"steering_wheel_angle": {"unit": "deg", "steps": [1, future]}},
         "parameters": {
-            "path_types": settings.path_types[-1],
+            "inputs": inputs,
+            "path_types": n1,
             "past_steps": past_steps,
             "future_steps": future,
             "components": components,
             "starts": settings.starts,
             "seed": config.models.seed,
-            "covariance_shrinkage_rows": penalty,
+            **facts,
         },
         "windows": dict(primitives.samples),
         "fallbacks": primitives.fallbacks(),

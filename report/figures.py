@@ -54,7 +54,7 @@ def alignment(
         after: (n_samples,) the car's speed after alignment, m/s; None where the clock was not aligned.
         shift: CAN stamp − UTC in this stretch, s.
     """
-    figure = _figure("time, s", "speed, km/h", height=300)
+    figure = figure_of("time, s", "speed, km/h", height=300)
     figure.add_scatter(x=_float32(seconds), y=_float32(3.6 * navigation), name="navigation", line=_line(BLACK, 2.5))
     if before is not None:
         name = f"CAN as stamped ({shift:+.3f} s)" if after is not None else "CAN as stamped"
@@ -82,7 +82,7 @@ class Lane:
 
 def timeline(lanes: Sequence[Lane]) -> go.Figure:
     """Show when events happened, one lane for each recording: colours are decisions, symbols are kinds."""
-    figure = _figure("time since the recording's start, min", "", height=130 + 30 * len(lanes))
+    figure = figure_of("time since the recording's start, min", "", height=130 + 30 * len(lanes))
     bar = {"orientation": "h", "hoverinfo": "skip", "showlegend": False}
     places, durations = list(range(len(lanes))), [lane.duration for lane in lanes]
     figure.add_bar(y=places, x=durations, width=0.14, marker_color="#D5DBE1", **bar)
@@ -126,7 +126,7 @@ def track(
         label: (n_samples,) path label from 1, NaN outside the dataset; None before there is a dataset.
         events: Positions (x and y, m) within events, by decision.
     """
-    figure = _figure("x (east), m", "y (north), m", height=420)
+    figure = figure_of("x (east), m", "y (north), m", height=420)
     east, north = _float32(x), _float32(y)
     if label is None:
         figure.add_scatter(x=east, y=north, mode="markers", showlegend=False, marker=_by_speed(speed))
@@ -198,7 +198,7 @@ def lookahead(
     """
     defined = np.isfinite(distance) & np.isfinite(speed)
     speed, distance, told = 3.6 * speed[defined], distance[defined], spread[defined] <= narrow
-    figure = _figure("speed, km/h", "lookahead distance h, m", height=400)
+    figure = figure_of("speed, km/h", "lookahead distance h, m", height=400)
     few = thin(len(speed), at_most)
     bins = np.floor(speed / bin_width).astype(int)
     kinds = ((f"spread above {narrow:g} m", ~told, GREY, 0.35), (f"spread up to {narrow:g} m", told, BLUE, 0.5))
@@ -228,7 +228,7 @@ def lookahead(
 
 def information_criterion(by_driver: Mapping[str, Sequence[Mapping[str, Any]]]) -> go.Figure:
     """Show the Bayesian information criterion over the number of path clusters."""
-    figure = _figure("number of clusters", "BIC", height=300)
+    figure = figure_of("number of clusters", "BIC", height=300)
     for number, (driver, fits) in enumerate(by_driver.items()):
         figure.add_scatter(
             x=[fit["clusters"] for fit in fits], y=[fit["bic"] for fit in fits], mode="lines+markers",
@@ -289,7 +289,7 @@ def errors_by_components(scores: Sequence[Score]) -> go.Figure:
 
 def errors_of_models(scores: Sequence[Score]) -> go.Figure:
     """Show the error of each of one driver's motion primitive models and baselines, and its spread over the folds."""
-    figure = _figure("average error of the steering wheel angle, °", "", height=110 + 28 * len(scores))
+    figure = figure_of("average error of the steering wheel angle, °", "", height=110 + 28 * len(scores))
     for is_baseline, name, colour, symbol in ((True, "baseline", GREY, "square"), (False, "model", BLUE, "circle")):
         own = [score for score in scores if score.is_baseline == is_baseline]
         if own:
@@ -314,7 +314,7 @@ def error_over_minutes(lines: Mapping[str, Mapping[int, Sequence[float]]], title
         lines: By model: errors of the folds by minutes; a model of 0 minutes is drawn across.
         title: Of the errors, with their unit.
     """
-    figure = _figure("training data, min", title, height=340)
+    figure = figure_of("training data, min", title, height=340)
     learnt = sorted({minutes for points in lines.values() for minutes in points if minutes})
     for (model, points), colour in zip(lines.items(), itertools.cycle(LINES), strict=False):
         across = set(points) == {0}
@@ -352,7 +352,7 @@ def matrix(
         digits: Decimals of the numbers.
         reverse: Dark is little.
     """
-    figure = _figure(across, "", height=150 + 38 * len(names))
+    figure = figure_of(across, "", height=150 + 38 * len(names))
     numbers = np.array([[np.nan if value is None else value for value in row] for row in values], np.float64)
     shown = [["" if value is None else f"{value:.{digits}f}".replace("-", "−") for value in row] for row in values]
     # One bad pair must not wash out the others.
@@ -383,7 +383,9 @@ def prediction(
         mean: (n_predictions, n_steps) predicted steering wheel angle, deg.
         sd: (n_predictions, n_steps) standard deviation of the prediction, deg.
     """
-    figure = _figure("time, s; a prediction begins at each dotted line", "steering wheel angle, ° (left +)", height=360)
+    figure = figure_of(
+        "time, s; a prediction begins at each dotted line", "steering wheel angle, ° (left +)", height=360
+    )
     time = starts[:, None] + steps
     apart = np.full((len(starts), 1), np.nan)
     around = np.hstack([time, time[:, ::-1], apart]).ravel()
@@ -406,7 +408,8 @@ def prediction(
     return figure
 
 
-def _figure(x_title: str, y_title: str, height: int) -> go.Figure:
+def figure_of(x_title: str, y_title: str, height: int) -> go.Figure:
+    """Return an empty figure with titled axes in the style of the report."""
     import plotly.graph_objects as go
 
     figure = go.Figure()

@@ -16,7 +16,7 @@ from ..schemas.errors import InputError
 from ..schemas.project import Project
 from ..schemas.store import read_table
 from ..schemas.tables import LOOKAHEAD_COLUMNS, MOTION_PRIMITIVE_COLUMNS
-from . import figures, tables
+from . import accuracy, figures, tables
 from .blocks import Block, Column, Facts, Figure, Gallery, Listing, Note, Section, Table
 from .data_cards import driving_table, folds_table, road_table
 from .drives import Drive, column, describe, readable
@@ -274,6 +274,21 @@ class Content:
                 own = [score for score in scores if score.driver == driver]
                 blocks.append(table(driver, own))
                 blocks.append(Gallery([Figure(f"{driver}: {caption}", figure(own))], wide=True))
+        return [*blocks, *self._accuracy()]
+
+    def _accuracy(self) -> list[Block]:
+        blocks: list[Block] = []
+        for name, over, value, draw, caption in (
+            ("horizons.csv", "horizon", "mean_error", accuracy.errors_by_horizon,
+             "average error of the steering wheel angle by horizon, mean over the test folds."),
+            ("calibration.csv", "probability", "share", accuracy.reliability,
+             "how much of what happened the bands hold, over what they state; above the line they are too wide."),
+        ):  # fmt: skip
+            path = self.project.results_folder / name
+            curves = (self._guarded(accuracy.read_curves, path, over, value) if path.exists() else None) or {}
+            shown = [Figure(f"{driver}: {caption}", draw(models)) for driver, models in curves.items()]
+            if shown:
+                blocks.append(Gallery(shown, wide=True))
         return blocks
 
     def _predictions(self) -> list[Block]:

@@ -434,6 +434,19 @@ class MotionPrimitives(Section):
         default=[3], min_length=1, description="n4 of MP to evaluate; the last is trained"
     )
     starts: int = Field(default=1, ge=1)
+    inputs: list[Literal["paper", "curvature"]] = Field(
+        default=["curvature", "paper"],
+        min_length=1,
+        description="mixtures to evaluate: paper, from course deviation and speed to the angle; curvature, from the "
+        "path's curvature and lateral acceleration to the change of the angle; the last is trained",
+    )
+    calibrate: bool = Field(
+        default=True, description="fit the mixtures' bands to blocks of the training data that are held out in turn"
+    )
+    baselines: list[Literal["kinematic", "ridge_curvature", "trees", "network"]] = Field(
+        default=["kinematic", "ridge_curvature"],
+        description="beside persistence and ridge; trees and network take minutes",
+    )
 
 
 class Personal(Section):

@@ -94,7 +94,7 @@ LOOKAHEAD_COLUMNS = (
 )  # fmt: skip
 MOTION_PRIMITIVE_COLUMNS = (
     "driver", "model", "path_types", "past_steps", "future_steps", "components", "fold",
-    "mean_error", "mean_variance", "coverage_68", "coverage_95", "samples",
+    "mean_error", "mean_variance", "coverage_68", "coverage_95", "crps", "samples",
 )  # fmt: skip
 LEARNING_CURVE_COLUMNS = (
     "driver", "quantity", "model", "minutes", "fold", "mean_error", "log_likelihood", "samples",
@@ -105,3 +105,12 @@ CROSS_DRIVER_COLUMNS = (
 IDENTIFICATION_COLUMNS = (
     "driver", "fold", "minute", "model", "density", "evidence", "named", "margin", "samples",
 )  # fmt: skip
+HORIZON_COLUMNS = (
+    "driver", "model", "path_types", "past_steps", "future_steps", "components", "fold", "horizon",
+    "mean_error", "bias", "mean_variance", "coverage_68", "coverage_95", "crps", "samples",
+)  # fmt: skip
+"""One horizon, in s, of what `results/motion_primitives.csv` says over all of them."""
+CALIBRATION_COLUMNS = (
+    "driver", "model", "path_types", "past_steps", "future_steps", "components", "fold", "probability", "share",
+)  # fmt: skip
+"""Share of the probability integral transforms in the bin that begins at `probability`."""

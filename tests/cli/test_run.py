@@ -92,7 +92,9 @@ def test_tables_have_the_columns_that_other_programs_read(ran: Path) -> None:
     assert tuple(primitives[0]) == MOTION_PRIMITIVE_COLUMNS
     assert tuple(rows(ran / "events.csv")[0]) == EVENT_COLUMNS
     assert {row["model"] for row in lookahead} == {"general", "velocity", "persistence", "ridge"}
-    assert {row["model"] for row in primitives} == {"mixture", "persistence", "ridge"}
+    assert {row["model"] for row in primitives} == {
+        "persistence", "ridge", "kinematic", "ridge_curvature", "mixture", "curvature_mixture",
+    }  # fmt: skip
     assert {(row["driver"], row["fold"]) for row in primitives} == {("driver01", str(fold)) for fold in range(4)}
     assert {row["split"] for row in lookahead} == {"train", "test"}
 

@@ -13,13 +13,19 @@ import pandas as pd
 import pytest
 
 from wheelprint.modeling import cells
+from wheelprint.modeling.cells import MIXTURES
 from wheelprint.modeling.drivers import read_series
 from wheelprint.modeling.evaluate import gather_results, plan_evaluation
 from wheelprint.schemas.config import Lookahead
 from wheelprint.schemas.errors import InputError
 from wheelprint.schemas.project import Project
 from wheelprint.schemas.store import Manifest
-from wheelprint.schemas.tables import LOOKAHEAD_COLUMNS, MOTION_PRIMITIVE_COLUMNS
+from wheelprint.schemas.tables import (
+    CALIBRATION_COLUMNS,
+    HORIZON_COLUMNS,
+    LOOKAHEAD_COLUMNS,
+    MOTION_PRIMITIVE_COLUMNS,
+)
 
 TICK = 100_000_000
 Perform = Callable[..., Any]
@@ -61,12 +67,13 @@ def test_tables_hold_a_line_for_each_model_and_fold(results: Project) -> None:
     found = primitives.groupby(["driver", "model", "past_steps"]).size()
     for driver in ("b.~", "王 小明"):
         for past_steps in (-1, 1):
-            counts = {"persistence": 3, "ridge": 3, "mixture": 3 * 3 * 2}
+            counts = dict.fromkeys(("persistence", "ridge", "kinematic", "ridge_curvature"), 3)
+            counts |= dict.fromkeys(MIXTURES.values(), 3 * 3 * 2)
             assert {model: found[driver, model, past_steps] for model in counts} == counts
-    baselines = primitives[primitives.model != "mixture"]
+    baselines = primitives[~primitives.model.isin(MIXTURES.values())]
     assert set(baselines.path_types) == {1}
     assert baselines.components.isna().all()
-    assert set(primitives[primitives.model == "mixture"].components) == {1, 2}
+    assert set(primitives[primitives.model.isin(MIXTURES.values())].components) == {1, 2}
     assert set(primitives.future_steps) == {5}
     assert primitives.drop(columns="components").notna().all().all()
 
@@ -92,8 +99,33 @@ def test_summary_is_the_mean_over_the_folds(results: Project) -> None:
     ]
     assert row["folds"] == len(own) == 3
     assert row["samples"] == own.samples.sum()
-    for name in ("mean_error", "mean_variance", "coverage_68", "coverage_95"):
+    for name in ("mean_error", "mean_variance", "coverage_68", "coverage_95", "crps"):
         assert row[name] == pytest.approx(own[name].mean(), rel=1e-12)
+
+
+def test_horizons_and_probabilities_agree_with_the_whole(results: Project) -> None:
+    """Five steps of 0.1 s, of which 0.1, 0.2, 0.3 and 0.5 s are listed; the share of all steps by probability."""
+    horizons, calibration = table(results, "horizons"), table(results, "calibration")
+    assert tuple(horizons.columns) == HORIZON_COLUMNS
+    assert tuple(calibration.columns) == CALIBRATION_COLUMNS
+    assert sorted(set(horizons.horizon)) == [0.1, 0.2, 0.3, 0.5]
+    whole = table(results, "motion_primitives")
+    same = ["driver", "model", "path_types", "past_steps", "components", "fold"]
+    first = horizons[horizons.horizon == 0.1].set_index(same)
+    assert len(first) == len(whole)
+    assert (first.samples == whole.set_index(same).samples.reindex(first.index)).all()
+    persistence = horizons[horizons.model == "persistence"].groupby("horizon").mean_error.mean()
+    assert persistence.is_monotonic_increasing
+    shares = calibration.groupby(same, dropna=False).share.agg(["sum", "size"])
+    assert shares["sum"].to_numpy() == pytest.approx(1.0)
+    assert set(shares["size"]) == {20}
+
+
+def test_bands_hold_what_they_promise(results: Project) -> None:
+    mixtures = table(results, "motion_primitives").query("model in @MIXTURES.values() and past_steps == 1")
+    for _, own in mixtures.groupby(["driver", "model", "path_types", "components"]):
+        assert own.coverage_68.mean() == pytest.approx(0.68, abs=0.06)
+        assert own.coverage_95.mean() == pytest.approx(0.95, abs=0.03)
 
 
 def test_persistence_by_a_plain_loop(results: Project) -> None:
@@ -267,4 +299,4 @@ def test_manifest_names_the_cells(results: Project) -> None:
     entry = Manifest(results.directory).entry("cells", "motion_primitives/王 小明/fold 2/past 1")
     (output,) = entry["outputs"]
     assert Path(output["path"]).parts[:3] == ("results", "cells", "motion_primitives")
-    assert output["rows"] == 8
+    assert output["rows"] == 4 + 2 * 6

@@ -244,9 +244,11 @@ def write_results(project: Project) -> None:
                     row = [fold, split, 0.9 * error + rng.normal(0, 0.05), 3.7 - 0.05 * components, 500]
                     lookahead.append([driver, "velocity", components, 3, *row])
             for name, level in (("persistence", 10.6), ("ridge", 1.96)):
-                primitives.append([driver, name, 1, 1, 50, "", fold, level + rng.normal(0, 0.1), 9.0, 0.66, 0.94, 400])
+                primitives.append(
+                    [driver, name, 1, 1, 50, "", fold, level + rng.normal(0, 0.1), 9.0, 0.66, 0.94, 1.4, 400]
+                )
             for path_types, level in ((1, 2.12), (3, 1.91), (27, 1.87)):
-                row = [fold, level + rng.normal(0, 0.06), 7.4, 0.67, 0.95, 400]
+                row = [fold, level + rng.normal(0, 0.06), 7.4, 0.67, 0.95, 1.4, 400]
                 primitives.append([driver, "mixture", path_types, 1, 50, 3, *row])
     curve: list[list[Any]] = []
     crossed: list[list[Any]] = []

@@ -1,0 +1,168 @@
+"""A better mixture than the papers': curvature instead of course deviation, the change of the angle, few coordinates.
+
+Three things lower its error, each by cross-validation on racing drivers (`docs/method.md` has the numbers):
+
+    what goes in     κ, κv² and κv²a of the path, in principal components (`curvature`)
+    what comes out   the change from the current angle, in principal components; what they leave is noise of each step.
+                     So a covariance is V C Vᵀ + diag, that of a factor analysis with given factors
+    tying            a component's covariance is drawn towards that of all components together. Where they are few
+                     windows, or other windows than were learnt, a component of its own extrapolates wildly
+
+How far the covariances are tied is chosen on blocks of the windows learnt from, and so is the calibration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .curvature import OUTPUT_RANK, CurvatureCoordinates, principal_directions
+from .held_out import blocks_of, calibrate
+from .mixture import GaussianMixture
+from .motion_primitives import EVERYTHING, N1, OUTPUT_NOISE, MotionPrimitives, adapt_to_path_types, windows_needed
+from .regression import MixtureRegression
+from .windows import Floats, Rows
+
+TIED = (0.1, 0.3, 0.6)
+"""Shares of the common covariance to choose from; without windows enough to choose, the last one."""
+
+INPUT_NOISE = 1e-3
+"""Of each coordinate's variance, added to its own: a ridge penalty within each component."""
+
+TOLERANCE = 0.02
+"""EM ends when the mean log-likelihood of a window rises by less, in nats."""
+
+
+def fit_curvature_primitives(
+    inputs: Floats,
+    outputs: Floats,
+    path_types: NDArray[Any],
+    centres: Rows,
+    *,
+    n1: N1,
+    components: int,
+    past_steps: int,
+    step: float,
+    levels: Sequence[N1] = (),
+    starts: int = 1,
+    seed: int = 0,
+) -> tuple[MotionPrimitives, float]:
+    """Fit a driver's motion primitives in curvature coordinates.
+
+    Args:
+        inputs: Shape (n_windows, n_inputs), as `windows.cut_windows` lays them out.
+        outputs: Shape (n_windows, n₃), deg.
+        path_types: Path type of each window, such as `1-3-2` (n_windows,).
+        centres: Row t of each window, rising (n_windows,).
+        n1: Path types that are told apart.
+        components: n₄, components of each regression's mixture.
+        past_steps: n₂.
+        step: s between two samples.
+        levels: n₁ to calibrate; none: the bands stay those of the mixture.
+        starts: k-means starts of each mixture; the most likely one is kept.
+        seed: Of the starts.
+
+    Returns:
+        The motion primitives, and the share of the common covariance that was chosen.
+
+    Raises:
+        ValueError: There are fewer windows than `windows_needed`.
+    """
+    length = max(past_steps, 0) + 1 + outputs.shape[1]
+
+    def begin(rows: Rows) -> _Latent:
+        return _Latent.fit(inputs[rows], outputs[rows], components, past_steps, step, starts, seed)
+
+    whole = begin(np.arange(len(inputs)))
+    blocks = blocks_of(centres, length, windows_needed(whole.joint.shape[1], components))
+    parts = [begin(learnt) for learnt, _ in blocks]
+    nobody = np.full(len(inputs), EVERYTHING)
+    errors = np.zeros(len(TIED))
+    for part, (_, block) in zip(parts, blocks, strict=True):
+        for place, tied in enumerate(TIED):
+            predicted = part.primitives(nobody, 1, tied).predict(inputs[block], nobody[block])[0]
+            errors[place] += np.abs(predicted - outputs[block]).sum()
+    tied = TIED[errors.argmin()] if blocks else TIED[-1]
+    fitted = iter(parts)
+    calibrations = calibrate(
+        lambda learnt: next(fitted).primitives(path_types[learnt], n1, tied),
+        inputs,
+        outputs,
+        path_types,
+        blocks if levels else (),
+        levels,
+    )
+    return replace(whole.primitives(path_types, n1, tied), calibrations=calibrations), tied
+
+
+@dataclass(frozen=True, slots=True)
+class _Latent:
+    """The mixture of all windows in coordinates, before it is tied and adapted to path types.
+
+    Attributes:
+        coordinates: Of the inputs.
+        joint: Coordinates of inputs and outputs of the windows (n_windows, n_coordinates).
+        mixture: Fitted to them.
+        level: Mean change (n₃,).
+        directions: From coordinates of the outputs to changes (n₃, n_output_coordinates).
+        rest: Variance of the changes that the coordinates leave (n₃,).
+    """
+
+    coordinates: CurvatureCoordinates
+    joint: Floats
+    mixture: GaussianMixture
+    level: Floats
+    directions: Floats
+    rest: Floats
+
+    @classmethod
+    def fit(
+        cls, inputs: Floats, outputs: Floats, components: int, past_steps: int, step: float, starts: int, seed: int
+    ) -> Self:
+        steps = outputs.shape[1]
+        coordinates = CurvatureCoordinates.fit(inputs, past_steps, steps, step)
+        change = outputs - coordinates.origin(inputs)
+        level = change.mean(axis=0)
+        directions = principal_directions(change - level, min(OUTPUT_RANK, steps))
+        latent = (change - level) @ directions
+        rest = (change - level - latent @ directions.T).var(axis=0) + OUTPUT_NOISE * change.var(axis=0)
+        joint = np.concatenate([coordinates.transform(inputs), latent], axis=1)
+        if len(joint) < (needed := windows_needed(joint.shape[1], components)):
+            reason = f"{components} components of {joint.shape[1]} coordinates need {needed} windows, not {len(joint)}"
+            raise ValueError(reason)
+        mixture = GaussianMixture(
+            components, n_starts=starts, max_iterations=100, tolerance=TOLERANCE, random_state=seed
+        ).fit(joint)
+        return cls(coordinates, joint, mixture, level, directions, rest)
+
+    def primitives(self, path_types: NDArray[Any], n1: N1, tied: float) -> MotionPrimitives:
+        """Return the motion primitives; the path types (n_windows,) of the windows matter for n₁ > 1 alone."""
+        noise = INPUT_NOISE * self.joint.var(axis=0)
+        noise[-self.directions.shape[1] :] = 0.0
+        covariances = self.mixture.covariances_
+        common = np.tensordot(self.mixture.weights_, covariances, axes=1)
+        covariances = (1.0 - tied) * covariances + tied * common + np.diag(noise)
+        everything = GaussianMixture.from_parameters(self.mixture.weights_, self.mixture.means_, covariances)
+        mixtures, samples = {EVERYTHING: everything}, {EVERYTHING: len(self.joint)}
+        if n1 > 1:
+            rows = noise * len(self.joint) / len(self.mixture.weights_)
+            mixtures, samples = adapt_to_path_types(everything, self.joint, path_types, n1=n1, noise=rows)
+        regressions = {name: self._regression(mixture) for name, mixture in mixtures.items()}
+        return MotionPrimitives(n1, regressions, samples, self.coordinates)
+
+    def _regression(self, mixture: GaussianMixture) -> MixtureRegression:
+        """Return the regression of the change at every step on the coordinates of the inputs."""
+        steps, rank = self.directions.shape
+        n_inputs = mixture.n_features_in_ - rank
+        lift = np.zeros((n_inputs + steps, n_inputs + rank))
+        lift[:n_inputs, :n_inputs] = np.eye(n_inputs)
+        lift[n_inputs:, n_inputs:] = self.directions
+        covariances = lift @ mixture.covariances_ @ lift.T + np.diag(np.append(np.zeros(n_inputs), self.rest))
+        means = mixture.means_ @ lift.T + np.append(np.zeros(n_inputs), self.level)
+        lifted = GaussianMixture.from_parameters(mixture.weights_, means, covariances)
+        columns = np.arange(n_inputs + steps)
+        return MixtureRegression.from_mixture(lifted, columns[:n_inputs], columns[n_inputs:])
