@@ -372,7 +372,11 @@ def _signal_layout(signal: Any) -> SignalLayout:
 def _complaints(message: MessageLayout) -> list[str]:
     """Say what makes a message impossible to decode."""
     by_name = {signal.name: signal for signal in message.signals}
-    complaints = [
+    bits = 29 if message.extended else 11
+    complaints = [] if 0 <= message.id < 1 << bits else [f"its identifier {message.id} is not one of {bits} bits"]
+    complaints += ["it has no name"] if not message.name else []
+    complaints += ["a signal has no name"] if not all(by_name) else []
+    complaints += [
         f"{count} signals are called {name}; rename all but one"
         for name, count in Counter(signal.column for signal in message.signals).items()
         if count > 1

@@ -121,13 +121,6 @@ def test_horizons_and_probabilities_agree_with_the_whole(results: Project) -> No
     assert set(shares["size"]) == {20}
 
 
-def test_bands_hold_what_they_promise(results: Project) -> None:
-    mixtures = table(results, "motion_primitives").query("model in @MIXTURES.values() and past_steps == 1")
-    for _, own in mixtures.groupby(["driver", "model", "path_types", "components"]):
-        assert own.coverage_68.mean() == pytest.approx(0.68, abs=0.06)
-        assert own.coverage_95.mean() == pytest.approx(0.95, abs=0.03)
-
-
 def test_persistence_by_a_plain_loop(results: Project) -> None:
     data = results.dataset("王 小明").to_pandas()
     time = data.time.astype("int64").tolist()

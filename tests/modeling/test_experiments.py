@@ -128,7 +128,9 @@ def test_claims_of_both_papers_stand_in_one_table(done: Project) -> None:
 def test_one_path_type_is_what_the_evaluation_measures(done: Project) -> None:
     """The same windows, training rows and regression, through the other stage's cells."""
     where = (done.directory, "b.~", 1)
-    outcome = cells.evaluate_motion_primitives(*where, 1, done.config)
+    primitives = done.config.models.motion_primitives.model_copy(update={"calibrate": False})
+    models = done.config.models.model_copy(update={"motion_primitives": primitives})
+    outcome = cells.evaluate_motion_primitives(*where, 1, done.config.model_copy(update={"models": models}))
     path = done.directory / outcome.entry["outputs"][0]["path"]
     expected = {
         row["components"]: row

@@ -48,7 +48,8 @@ def test_card_says_what_the_model_is(trained: Project) -> None:
     assert card["recordings"] == 2
     assert card["hours"] == pytest.approx(1200 / 36000)
     assert {name: value for name, value in card["parameters"].items() if name != "covariance_shrinkage_rows"} == {
-        "path_types": 27, "past_steps": 1, "future_steps": 5, "components": 2, "starts": 1, "seed": 0,
+        "inputs": "paper", "calibrated": True, "path_types": 27, "past_steps": 1, "future_steps": 5, "components": 2,
+        "starts": 1, "seed": 0,
     }  # fmt: skip
     assert card["windows"]["all"] == 1200 - 4 * (1 + 6)
     assert len(card["dataset"]) == 2

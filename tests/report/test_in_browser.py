@@ -45,7 +45,7 @@ def test_the_report_draws_every_figure_without_errors_and_without_network(
     overflow = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
     wrong = page.evaluate("document.querySelectorAll('.plot script, section script:not([type])').length")
     page.close()
-    assert drawn == 14
+    assert drawn == 19
     assert witness.said == []
     assert witness.asked == [path.as_uri()]
     assert overflow == 0, "wide tables scroll within themselves"

@@ -22,11 +22,11 @@ anna,ridge,,,0,test,0.9,4.0,100
 anna,general,3,,0,test,1.4,4.0,100
 anna,general,3,,1,test,,,0
 """
-PRIMITIVES = """coverage_68,driver,model,path_types,past_steps,future_steps,components,fold,mean_error,mean_variance,coverage_95,samples
-0.66,anna,mixture,27,-1,50,3,0,1.9,7.0,0.93,40
-0.70,anna,mixture,27,-1,50,3,1,2.7,9.0,0.97,60
-,anna,persistence,1,-1,50,,0,2.0,,,40
-,anna,persistence,1,-1,50,,1,2.0,,,60
+PRIMITIVES = """coverage_68,driver,model,path_types,past_steps,future_steps,components,fold,mean_error,mean_variance,coverage_95,crps,samples
+0.66,anna,mixture,27,-1,50,3,0,1.9,7.0,0.93,1.4,40
+0.70,anna,mixture,27,-1,50,3,1,2.7,9.0,0.97,1.8,60
+,anna,persistence,1,-1,50,,0,2.0,,,,40
+,anna,persistence,1,-1,50,,1,2.0,,,,60
 """  # noqa: E501  a table
 
 

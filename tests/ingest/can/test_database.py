@@ -39,13 +39,14 @@ def test_shipped_database_has_every_canonical_signal_in_a_known_unit() -> None:
         "steering_wheel_speed": "STEER.ANGLE_RATE",
         "speed": "MOTION.Speed",
         "accelerator_pedal": "PEDALS.ACCELERATOR",
+        "brake_pedal": "PEDALS.BRAKE",
         "brake_pressure": "BRAKES.PRESSURE",
         "yaw_rate": "INERTIA.YAW_RATE",
         "longitudinal_acceleration": "INERTIA.LONGITUDINAL_ACCELERATION",
         "lateral_acceleration": "INERTIA.LATERAL_ACCELERATION",
         "gear": "DRIVE_STATE.GEAR",
     }
-    assert tuple(mapping) == CAN_SIGNALS
+    assert set(CAN_SIGNALS) - set(mapping) == {"abs_active", "esc_active"}
     for canonical, place in mapping.items():
         message, signal = database.find(*place.split("."))
         assert factor(signal.unit, SIGNALS[canonical].unit) is not None, place
@@ -58,7 +59,7 @@ def test_shipped_databases_load_strictly_and_mark_what_is_assumed() -> None:
     import wheelprint.schemas.databases as package
 
     folder = Path(package.__path__[0])
-    assert shipped_databases() == tuple(sorted(path.stem for path in folder.glob("*.dbc"))) == ("byd_tang",)
+    assert shipped_databases() == tuple(sorted(path.stem for path in folder.glob("*.dbc"))) == ("byd_tang", "oxts")
     strict = cantools.database.load_file(folder / "byd_tang.dbc", strict=True)
     assert all(message.comment for message in strict.messages)
     for message in ("BRAKES", "INERTIA"):
@@ -170,15 +171,15 @@ def test_what_cannot_be_loaded_is_all_said_and_the_rest_is_there(tmp_path: Path)
     assert len(database.messages) == 7
     assert [str(problem).removeprefix(f"{tmp_path}/") for problem in problems] == [
         (
-            "byd_tung: neither a shipped database (byd_tang) nor a path that ends in .dbc, .kcd, .sym, .arxml; "
+            "byd_tung: neither a shipped database (byd_tang, oxts) nor a path that ends in .dbc, .kcd, .sym, .arxml; "
             "did you mean byd_tang?"
         ),
-        "nothing: neither a shipped database (byd_tang) nor a path that ends in .dbc, .kcd, .sym, .arxml",
+        "nothing: neither a shipped database (byd_tang, oxts) nor a path that ends in .dbc, .kcd, .sym, .arxml",
         (
             "giula.dbc: no such file; did you mean giulia.dbc? "
-            "A database is a shipped name (byd_tang) or the path of a file"
+            "A database is a shipped name (byd_tang, oxts) or the path of a file"
         ),
-        "zzz.arxml: no such file. A database is a shipped name (byd_tang) or the path of a file",
+        "zzz.arxml: no such file. A database is a shipped name (byd_tang, oxts) or the path of a file",
         (
             "broken.dbc: line 5: cantools cannot read this DBC file: Invalid syntax at line 5, column 10: "
             '"BO_ 12 X >>!<<8 CAR". Correct the file there, or export it again'
@@ -189,7 +190,7 @@ def test_what_cannot_be_loaded_is_all_said_and_the_rest_is_there(tmp_path: Path)
             "Correct the file there, or export it again"
         ),
         "folder.dbc: cannot be read: Is a directory",
-        "car.xls: neither a shipped database (byd_tang) nor a path that ends in .dbc, .kcd, .sym, .arxml",
+        "car.xls: neither a shipped database (byd_tang, oxts) nor a path that ends in .dbc, .kcd, .sym, .arxml",
     ]
 
 

@@ -303,3 +303,13 @@ def test_a_sym_file_that_was_cut_off_says_so(tmp_path: Path, end: str, line: int
             "what is there was taken; compare it with the file it was copied from"
         )
     ]
+
+
+def test_a_message_with_a_nameless_signal_is_left_out(tmp_path: Path) -> None:
+    assert ' name="GEAR"' in KCD
+    (tmp_path / "whole.kcd").write_text(KCD, "utf-8")
+    (tmp_path / "nameless.kcd").write_text(KCD.replace(' name="GEAR"', "", 1), "utf-8")
+    whole, _ = load_databases(["whole.kcd"], tmp_path)
+    database, problems = load_databases(["nameless.kcd"], tmp_path)
+    assert [problem.reason for problem in problems] == ["a signal has no name. It is left out"]
+    assert len(database.messages) == len(whole.messages) - 1
