@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from wheelprint.modeling.baselines import Ridge
-from wheelprint.modeling.cells import WITHIN_68
 from wheelprint.modeling.drivers import modelled_drivers, one_thread, read_series
 from wheelprint.modeling.experiment_cells import (
     FUTURE_STEPS,
+    WITHIN_68,
     _columns,
     fit_apart,
     known_lookahead,

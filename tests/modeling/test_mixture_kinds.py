@@ -82,7 +82,7 @@ def test_single_precision_finds_scikit_learns_optimum_of_ill_conditioned_windows
     first = GaussianMixture(2, max_iterations=3).fit(rows[::4])
     fits = {}
     for precision in ("auto", "double"):
-        mixture = GaussianMixture(2, max_iterations=4, tolerance=0.0, precision=precision)  # type: ignore[arg-type]
+        mixture = GaussianMixture(2, max_iterations=4, tolerance=0.0, precision=precision)
         fits[precision] = mixture.fit(rows, initial_mixture=first)
         assert (np.diff(mixture.log_likelihoods_) >= -1e-9 * abs(mixture.log_likelihoods_[-1])).all()
     inverse = np.linalg.inv(np.linalg.cholesky(first.covariances_))
