@@ -351,7 +351,9 @@ def test_the_name_is_asked_for_once(project: Project, browser: Browser) -> None:
         page = review.open()
         page.locator("#person[open]").wait_for()
         page.locator("#person-name").fill("王小明 <b>")
-        press(page, "Enter e")
+        press(page, "Enter")
+        page.locator("#person[open]").wait_for(state="detached")
+        press(page, "e")
         page.locator("#count", has_text="1 of 16 decided").wait_for()
         stored(page)
         assert review.events[0].decided_by == "王小明 <b>"
