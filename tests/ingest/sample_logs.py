@@ -544,7 +544,7 @@ SAMPLES: dict[str, Sample] = {
     "ncom": ncoms,
     "ncom .gz": compressed(ncoms, gzip.compress, gunzip),
     "xcom": xcoms,
-    "oxts csv": Sample(
+    "csv of oxts": Sample(
         text(oxts_csv.HEADER + "".join(oxts_csv.row(1_000_000_000 + k / 100) for k in range(60))),
         navigation(OxtsCsv),
         lines(1),

@@ -303,7 +303,7 @@ def test_decodes_with_a_shipped_database_or_a_path(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         decode(batch, tmp_path / "missing.kcd")
     assert str(caught.value) == (
-        f"{tmp_path}/missing.kcd: no such file. A database is a shipped name (byd_tang) or the path of a file"
+        f"{tmp_path}/missing.kcd: no such file. A database is a shipped name (byd_tang, oxts) or the path of a file"
     )
 
 
