@@ -123,7 +123,7 @@ def test_offset_and_drift_are_found(seed: int, minutes: float) -> None:
 
 def test_speed_alone_is_enough() -> None:
     for seed in range(10, 16):
-        drive = simulate(seed, 9)
+        drive = simulate(seed, 15)
         found = estimate(drive, with_yaw_rate=False)
         assert found.applied, found.reason
         assert abs(found.offset_s - drive.offset) < 0.010
