@@ -56,11 +56,18 @@ def predict_rows(rows: FloatArray, conditional: Conditional, cutoff: float, mean
     buffers = buffers_of(k, d, size, conditional.inverses)
     totals, known = np.empty(size), np.empty(size, dtype=np.bool_)
     reference, kept = np.empty((size, q)), np.empty(size, dtype=np.uint32)
-    gathered = np.empty(d * size, dtype=conditional.inverses.dtype)
+    gathered, everything = np.empty(d * size, dtype=conditional.inverses.dtype), np.empty(0, dtype=np.uint64)
     for start in range(0, n, size):
         part = rows[start : start + size]
         pieces = evaluate(
-            part, conditional.means, conditional.inverses, conditional.constants, conditional.bound, cutoff, buffers
+            part,
+            conditional.means,
+            conditional.inverses,
+            conditional.constants,
+            conditional.bound,
+            cutoff,
+            everything,
+            buffers,
         )
         log_sums(buffers.joint, len(part), totals)
         known[:] = False

@@ -25,6 +25,9 @@ LEADING = 24
 FEWEST_TO_BOUND = 2 * LEADING
 """Columns from which on the bound costs less than it saves."""
 
+CANDIDATES = 64
+"""Components up to which it is remembered of each row which ones are in question, a bit each."""
+
 NOTHING = 40.0
 """Nats below the most likely component from which on a component changes no sum of doubles."""
 

@@ -2,7 +2,8 @@
 
 A row of several hundred nats is explained by one component or two; all others are many orders of magnitude less likely.
 The squared Mahalanobis distance over some of the columns is a lower bound of the one over all of them, so that a few
-columns, evenly spread, show most components to be out of question before their d² products are done.
+columns, evenly spread, show most components to be out of question before their d² products are done. What was in
+question for a row is remembered: the next few passes compute nothing else.
 
 Rows of the data are columns here: whatever is done to one column of the data runs along memory.
 """
@@ -22,6 +23,9 @@ from .triangular import multiply_triangular, square
 Floats = npt.NDArray[np.floating[Any]]
 Indices = npt.NDArray[np.uint32]
 """Unsigned, so that compiled code need not ask of each whether it counts from the end."""
+
+Candidates = npt.NDArray[np.uint64]
+"""Components in question, a bit each."""
 
 BLOCK = 1024
 """Rows that are taken at a time."""
@@ -79,6 +83,8 @@ def wide_pass(
     constants: FloatArray,
     bound: Bound,
     negligible: float,
+    candidates: Candidates,
+    search: bool,
     counts: FloatArray,
     first: FloatArray,
     second: FloatArray,
@@ -93,6 +99,8 @@ def wide_pass(
         constants: Log density of each component at its mean, log weight included (k,).
         bound: See there.
         negligible: Responsibilities below this are left out.
+        candidates: Bit c says whether component c is in question for a row (n,), or (0,) to remember nothing.
+        search: Whether `candidates` is written, from all components, or read.
         counts: Sum of responsibilities (k,).
         first: Sum of r y (k, d).
         second: Sum of r y yᵀ, the lower triangle (k, d, d).
@@ -103,11 +111,15 @@ def wide_pass(
     buffers = buffers_of(k, d, size, inverses)
     weighted, product = np.empty(d * size, dtype=inverses.dtype), np.empty((d, d), dtype=inverses.dtype)
     totals, root, kept = np.empty(size), np.empty(size, dtype=inverses.dtype), np.empty(size, dtype=np.uint32)
+    cutoff = -math.log(negligible)
     log_likelihood = 0.0
     for start in range(0, n, size):
         part, weights = rows[start : start + size], sample_weights[start : start + size]
-        pieces = evaluate(part, means, inverses, constants, bound, -math.log(negligible), buffers)
+        known = candidates[start : start + size]
+        pieces = evaluate(part, means, inverses, constants, bound, cutoff, known[:0] if search else known, buffers)
         log_sums(buffers.joint, len(part), totals)
+        if search and len(known):
+            _remember(buffers.joint, totals, cutoff, known)
         for row in range(len(part)):
             log_likelihood += totals[row] * (weights[row] if len(weights) else 1.0)
         for piece in range(pieces):
@@ -144,9 +156,10 @@ def wide_log_joint(
     n, d = rows.shape
     size = min(n, BLOCK)
     buffers = buffers_of(len(means), d, size, inverses)
+    everything = np.empty(0, dtype=np.uint64)
     for start in range(0, n, size):
         part = rows[start : start + size]
-        evaluate(part, means, inverses, constants, bound, cutoff, buffers)
+        evaluate(part, means, inverses, constants, bound, cutoff, everything, buffers)
         joint[start : start + size] = buffers.joint[:, : len(part)].T
 
 
@@ -172,12 +185,25 @@ def evaluate(
     constants: FloatArray,
     bound: Bound,
     cutoff: float,
+    candidates: Candidates,
     buffers: Buffers,
 ) -> int:
-    """Fill the buffers for a block of rows and return the number of pieces."""
+    """Fill the buffers for a block of rows and return the number of pieces.
+
+    Args:
+        rows: Shape (n, d).
+        means: As in `wide_pass`, and so `inverses`, `constants` and `bound`.
+        inverses: See above.
+        constants: See above.
+        bound: See above.
+        cutoff: Nats below a row's most likely component from which on others are left out.
+        candidates: The components to compute, a bit each (n,), or (0,) for all that the bound does not dismiss.
+        buffers: Filled.
+    """
     joint, bounds, guess, components, begins, chosen, whitened = buffers
     n, d = rows.shape
-    bounded = len(bound.columns) > 0
+    restricted = len(candidates) > 0
+    bounded = len(bound.columns) > 0 and not restricted
     if bounded:
         _bound(rows, bound, constants, bounds, guess)
     joint[:] = -np.inf
@@ -188,9 +214,14 @@ def evaluate(
             # First the guesses, then what their exact values leave worthwhile; without leading columns, all.
             begin = begins[pieces]
             stop = begin
-            for row in range(n):
-                chosen[stop] = row
-                stop += not bounded or ((guess[row] == c) == (turn == 0) and bounds[c, row] >= floor[row])
+            if restricted:
+                for row in range(n):
+                    chosen[stop] = row
+                    stop += (candidates[row] >> np.uint64(c)) & np.uint64(1) != 0
+            else:
+                for row in range(n):
+                    chosen[stop] = row
+                    stop += not bounded or ((guess[row] == c) == (turn == 0) and bounds[c, row] >= floor[row])
             if stop > begin:
                 own, y = chosen[begin:stop], whitened[d * begin : d * stop].reshape(d, stop - begin)
                 _whiten(rows, own, means[c], inverses[c], y)
@@ -265,6 +296,17 @@ def log_sums(joint: FloatArray, n: int, totals: FloatArray) -> None:
             if below > -40.0:
                 total += math.exp(below)
         totals[row] = top + math.log(total)
+
+
+@njit(cache=True, nogil=True)
+def _remember(joint: FloatArray, totals: FloatArray, cutoff: float, candidates: Candidates) -> None:
+    """Write which components of each row lie within `cutoff` nats of all together."""
+    for row in range(len(candidates)):
+        bits = np.uint64(0)
+        for c in range(len(joint)):
+            if joint[c, row] > totals[row] - cutoff:
+                bits |= np.uint64(1) << np.uint64(c)
+        candidates[row] = bits
 
 
 @njit(cache=True, nogil=True)
