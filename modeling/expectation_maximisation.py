@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -126,10 +127,11 @@ def parameters_of(weights: npt.ArrayLike, means: npt.ArrayLike, covariances: npt
         )
     if not (weights > 0).all():
         raise ValueError(f"weights must be positive, found {weights.min()}")
-    singular = [str(number) for number, covariance in enumerate(covariances) if not _is_positive_definite(covariance)]
-    if singular:
-        raise ValueError(f"the covariance of component {', '.join(singular)} is not positive definite")
-    return factorise(weights, means, covariances)
+    try:
+        return factorise(weights, means, covariances)
+    except np.linalg.LinAlgError:
+        singular = [str(number) for number, own in enumerate(covariances) if not _is_positive_definite(own)]
+        raise ValueError(f"the covariance of component {', '.join(singular)} is not positive definite") from None
 
 
 def _is_positive_definite(matrix: FloatArray) -> bool:
@@ -303,6 +305,8 @@ def _update(parameters: Parameters, statistics: Statistics, settings: Settings) 
         pooled = np.tensordot(counts[kept], covariances[kept], axes=1) / counts[kept].sum()
         covariances = np.repeat(pooled[None], k, axis=0)
     covariances += np.diag(settings.ridge)
+    with suppress(np.linalg.LinAlgError):
+        return factorise(counts[kept], means[kept], covariances[kept]), k - int(kept.sum())
     kept &= [_is_positive_definite(covariance) for covariance in covariances]
     if not kept.any():
         raise ValueError(

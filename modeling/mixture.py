@@ -21,6 +21,7 @@ from .expectation_maximisation import (
     parameters_of,
     variances_of,
 )
+from .one_thread import one_blas_thread
 from .starts import StartKind, search
 
 if TYPE_CHECKING:
@@ -153,9 +154,6 @@ class GaussianMixture(Estimator):
             ValueError: A setting, shape or value is not usable; there are fewer rows than components; or, without
                 regularisation, no component keeps a positive definite covariance.
         """
-        import scipy.linalg.blas  # noqa: F401 - loads scipy's own BLAS, which is limited only where it is loaded
-        from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no types
-
         self._check_settings()
         rows = as_rows(X, "X")
         n = len(rows)
@@ -174,8 +172,7 @@ class GaussianMixture(Estimator):
         if initial_responsibilities is not None:
             responsibilities = self._check_responsibilities(initial_responsibilities, n)
         sample = Sample(rows, as_sample_weights(sample_weight, n))
-        # BLAS threads spin while they wait: on a busy machine two of them are slower than one by a factor of ten.
-        with threadpool_limits(1, user_api="blas"):
+        with one_blas_thread():
             variances = variances_of(sample)
             settings = Settings(
                 self.covariance_regularisation * variances,
@@ -187,13 +184,13 @@ class GaussianMixture(Estimator):
             )
             if initial_mixture is not None:
                 start = parameters_of(initial_mixture.weights_, initial_mixture.means_, initial_mixture.covariances_)
+                run = maximise(sample, start, settings)
             elif responsibilities is not None:
-                start = moments_of(sample, responsibilities, settings)
+                run = maximise(sample, moments_of(sample, responsibilities, settings), settings)
             else:
                 generator = np.random.default_rng(self.random_state)
                 scale = np.sqrt(variances)
-                start = search(sample, self.n_components, self.start, self.n_starts, scale, settings, generator)
-            run = maximise(sample, start, settings)
+                run = search(sample, self.n_components, self.start, self.n_starts, scale, settings, generator)
         self._keep(run.parameters)
         self.log_likelihoods_, self.converged_ = np.array(run.log_likelihoods), run.converged
         self.n_iterations_ = len(self.log_likelihoods_) - 1

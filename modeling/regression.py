@@ -11,6 +11,7 @@ import numpy.typing as npt
 from .densities import CHUNK_VALUES, NOTHING, chunks, log_constants, log_sum, plain
 from .estimator import Estimator, FloatArray, Rows, as_array
 from .mixture import GaussianMixture, Precision
+from .one_thread import one_blas_thread
 from .starts import StartKind
 
 if TYPE_CHECKING:
@@ -233,15 +234,12 @@ class MixtureRegression(Estimator):
         return mean[0], sd[0]
 
     def _mean_and_sd(self, rows: Rows, *, single: bool) -> tuple[FloatArray, FloatArray]:
-        from scipy.linalg import blas  # noqa: F401 - loads scipy's own BLAS, which is limited only where it is loaded
-        from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no types
-
         from .conditional import predict_rows
 
         mean, sd = np.empty((2, len(rows), self.n_outputs_))
         kind, cutoff = (np.float32, SINGLE_NOTHING) if single else (np.float64, NOTHING)
         conditional = self._conditional(kind)
-        with threadpool_limits(1, user_api="blas"):
+        with one_blas_thread():
             for part in chunks(rows):
                 predict_rows(plain(rows[part]), conditional, cutoff, mean[part], sd[part])
         return mean, sd

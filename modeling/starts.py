@@ -1,4 +1,4 @@
-"""Where expectation maximisation begins: several starts on a part of the rows, the best of them on all."""
+"""Expectation maximisation from several starts: on a part of the rows, the best of them on all."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from .densities import Parameters
 from .estimator import FloatArray
 from .expectation_maximisation import Run, Sample, Settings, maximise, moments_of, step
 
@@ -32,8 +31,8 @@ def search(
     scale: FloatArray,
     settings: Settings,
     generator: np.random.Generator,
-) -> Parameters:
-    """Return where EM on all rows begins.
+) -> Run:
+    """Return what EM leads to from the best of several starts.
 
     Each start runs EM to its end on at most `START_ROWS` rows. On these the best few differ by chance, so that they
     first compete on all rows for a few steps.
@@ -64,13 +63,13 @@ def search(
         runs.append(maximise(part, moments_of(part, responsibilities, settings), settings))
     runs.sort(key=lambda run: run.log_likelihoods[-1], reverse=True)
     if part is sample:
-        return runs[0].parameters
+        return runs[0]
     best = [step(sample, run.parameters, settings) for run in runs[:FINALISTS]]
-    if len(best) == 1:
-        return best[0]
-    few = settings.steps(FINAL_STEPS)
-    finals = [maximise(sample, parameters, few) for parameters in best]
-    return max(finals, key=lambda run: run.log_likelihoods[-1]).parameters
+    if len(best) > 1:
+        few = settings.steps(FINAL_STEPS)
+        finals = [maximise(sample, parameters, few) for parameters in best]
+        best = [max(finals, key=lambda run: run.log_likelihoods[-1]).parameters]
+    return maximise(sample, best[0], settings)
 
 
 def k_means(
