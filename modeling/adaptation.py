@@ -61,18 +61,14 @@ def adapt(
     of_noise = np.diag(np.broadcast_to(noise, d))
     mixture = prior
     for _ in range(steps):
-        responsibilities = mixture.predict_proba(rows)
-        own = responsibilities.sum(axis=0)
+        own, of_rows, spread = mixture.moments(rows)
         counts = own + relevance
-        means = (responsibilities.T @ rows + relevance * prior.means_) / counts[:, None]
+        means = (own[:, None] * of_rows + relevance * prior.means_) / counts[:, None]
         adapted = prior.covariances_
         if covariances:
-            adapted = np.empty((k, d, d))
-            for component, mean in enumerate(means):
-                centred = (rows - mean) * np.sqrt(responsibilities[:, [component]])
-                shift = prior.means_[component] - mean
-                of_prior = relevance * (prior.covariances_[component] + np.outer(shift, shift))
-                adapted[component] = (centred.T @ centred + of_prior + of_noise) / counts[component]
+            moved, shifted = (of[:, :, None] * of[:, None, :] for of in (of_rows - means, prior.means_ - means))
+            of_prior = relevance * (prior.covariances_ + shifted)
+            adapted = (own[:, None, None] * (spread + moved) + of_prior + of_noise) / counts[:, None, None]
         shares = own + relevance * k * prior.weights_ if weights else prior.weights_
         mixture = GaussianMixture.from_parameters(shares, means, adapted)
     return mixture

@@ -13,6 +13,9 @@ Floats = NDArray[np.float64]
 PENALTIES = tuple(10.0**exponent for exponent in np.arange(-4.0, 5.5, 0.5).tolist())
 """Penalties that ridge regression chooses from: half decades, far beyond what was ever chosen at both ends."""
 
+ENOUGH = 1000
+"""Samples of a block that are asked: of more, every so many, as neighbours are nearly equal."""
+
 
 @dataclass(frozen=True, slots=True)
 class Persistence:
@@ -84,17 +87,19 @@ class Ridge:
         Z, level = (inputs - mean) / scale, outputs.mean(axis=0)
         Y = outputs - level
         gram, moments = Z.T @ Z, Z.T @ Y
-        absolute, square = np.zeros(len(penalties)), np.zeros((len(penalties), Y.shape[1]))
+        absolute, square, tested = np.zeros(len(penalties)), np.zeros((len(penalties), Y.shape[1])), 0
         for block in np.array_split(np.arange(n), blocks):
             away = slice(max(block[0] - gap, 0), block[-1] + 1 + gap)
             solve = _solver(gram - Z[away].T @ Z[away], moments - Z[away].T @ Y[away])
+            asked = block[:: max(len(block) // ENOUGH, 1)]
+            tested += len(asked)
             for place, penalty in enumerate(penalties):
-                error = Z[block] @ solve(penalty) - Y[block]
+                error = Z[asked] @ solve(penalty) - Y[asked]
                 absolute[place] += np.abs(error).sum()
                 square[place] += np.square(error).sum(axis=0)
         best = int(absolute.argmin())
         coefficients = _solver(gram, moments)(penalties[best]) / scale[:, None]
-        return cls(penalties[best], coefficients, level - mean @ coefficients, square[best] / n)
+        return cls(penalties[best], coefficients, level - mean @ coefficients, square[best] / tested)
 
     def predict(self, inputs: Floats) -> tuple[Floats, Floats]:
         """Return means and variances, each (n_samples, n_outputs), of inputs (n_samples, n_inputs)."""

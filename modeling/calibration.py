@@ -115,10 +115,13 @@ class Forecast:
 
 
 def _distribution(freedom: Floats, z: Floats) -> Floats:
-    """Return P(Z ≤ z) of Student's t, of the Gaussian where the degrees of freedom are infinite."""
+    """Return P(Z ≤ z) of Student's t, of the Gaussian where the degrees of freedom (n_steps,) are infinite."""
     from scipy.special import ndtr, stdtr
 
-    below: Floats = np.where(np.isinf(freedom), ndtr(z), stdtr(np.where(np.isinf(freedom), 1.0, freedom), z))
+    gaussian = np.isinf(freedom)
+    below = np.empty(z.shape)
+    below[:, gaussian] = ndtr(z[:, gaussian])
+    below[:, ~gaussian] = stdtr(freedom[~gaussian], z[:, ~gaussian])
     return below
 
 

@@ -203,6 +203,14 @@ def step(sample: Sample, parameters: Parameters, settings: Settings) -> Paramete
     return _update(parameters, _pass(sample, parameters, settings.threads, np.empty(0, dtype=np.uint64)), settings)[0]
 
 
+def component_moments(rows: Rows, parameters: Parameters) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return what `GaussianMixture.moments` does, in single precision where that is enough."""
+    if rows.shape[1] > NARROW:
+        parameters = _rounded(parameters)
+    sums = _pass(Sample(rows), parameters, 1, np.empty(0, dtype=np.uint64))
+    return sums.counts, *_means_and_covariances(parameters, sums, np.maximum(sums.counts, np.finfo(np.float64).tiny))
+
+
 def moments_of(sample: Sample, responsibilities: npt.NDArray[np.floating[Any]], settings: Settings) -> Parameters:
     """Return the M step from given responsibilities (n, k): each component's moments about its own mean."""
     rows = sample.rows
@@ -249,13 +257,13 @@ def _pass(
     k, d = parameters.means.shape
     constants = log_constants(parameters.weights, parameters.inverses)
     inverses = parameters.inverses.astype(parameters.precision)
-    bound = bound_of(parameters)
+    bound = None if d <= NARROW else bound_of(parameters)
 
     def work(part: slice) -> Statistics:
         sums = Statistics.zeros(k, d)
         rows, weights = plain(sample.rows[part]), plain(sample.weights_of(part))
         model, into = (parameters.means, inverses, constants), (sums.counts, sums.first, sums.second)
-        if d <= NARROW:
+        if bound is None:
             sums.log_likelihood = narrow_pass(rows, weights, *model, *into)
         else:
             sums.log_likelihood = wide_pass(
@@ -281,6 +289,19 @@ def _in_order(work: Callable[[slice], Statistics], parts: list[slice], threads: 
         yield from pool.map(work, parts)
 
 
+def _means_and_covariances(
+    parameters: Parameters, statistics: Statistics, counts: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return each component's mean (k, d) and covariance about it (k, d, d), for the counts that are to divide."""
+    shifts = statistics.first / counts[:, None]
+    lower = np.tril(statistics.second)
+    moments = (lower + np.tril(lower, -1).transpose(0, 2, 1)) / counts[:, None, None]
+    moments -= shifts[:, :, None] * shifts[:, None, :]
+    means = parameters.means + np.einsum("kij,kj->ki", parameters.factors, shifts)
+    covariances = parameters.factors @ moments @ parameters.factors.transpose(0, 2, 1)
+    return means, 0.5 * (covariances + covariances.transpose(0, 2, 1))
+
+
 def _update(parameters: Parameters, statistics: Statistics, settings: Settings) -> tuple[Parameters, int]:
     """Return the M step's parameters and the number of components dropped on the way.
 
@@ -292,13 +313,7 @@ def _update(parameters: Parameters, statistics: Statistics, settings: Settings) 
     kept = counts >= 1
     if k > 1 and counts.min() < {"full": d + 1, "diagonal": 2, "tied": 1}[settings.covariance_type]:
         kept[counts.argmin()] = False
-    shifts = statistics.first / np.maximum(counts, 1.0)[:, None]
-    lower = np.tril(statistics.second)
-    moments = (lower + np.tril(lower, -1).transpose(0, 2, 1)) / np.maximum(counts, 1.0)[:, None, None]
-    moments -= shifts[:, :, None] * shifts[:, None, :]
-    means = parameters.means + np.einsum("kij,kj->ki", parameters.factors, shifts)
-    covariances = parameters.factors @ moments @ parameters.factors.transpose(0, 2, 1)
-    covariances = 0.5 * (covariances + covariances.transpose(0, 2, 1))
+    means, covariances = _means_and_covariances(parameters, statistics, np.maximum(counts, 1.0))
     if settings.covariance_type == "diagonal":
         covariances *= np.eye(d)
     elif settings.covariance_type == "tied" and kept.any():

@@ -16,6 +16,7 @@ from .expectation_maximisation import (
     CovarianceType,
     Sample,
     Settings,
+    component_moments,
     maximise,
     moments_of,
     parameters_of,
@@ -227,6 +228,23 @@ class GaussianMixture(Estimator):
             ValueError: The mixture is not fitted, or the rows have another number of columns or missing values.
         """
         return self._log_joint(X, math.inf)
+
+    def moments(self, X: npt.ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what rows say of each component: by their responsibilities ρ, what an M step takes from them.
+
+        Args:
+            X: Rows, shape (n_samples, n_features).
+
+        Returns:
+            Counts n_k = Σ ρ_k (k,), means Σ ρ_k x / n_k (k, n_features), and covariances about them
+            (k, n_features, n_features). Those of a component that no row belongs to mean nothing.
+
+        Raises:
+            ValueError: The mixture is not fitted, or the rows have another number of columns or missing values.
+        """
+        self._require_fit("means_")
+        with one_blas_thread():
+            return component_moments(self._rows(X), self._parameters)
 
     @property
     def inverses(self) -> FloatArray:
