@@ -64,8 +64,13 @@ class Calibration:
         """Return the probability of a smaller error, the probability integral transform (n_samples, n_steps)."""
         return _distribution(self.freedom, errors / (sd * self.scale))
 
-    def crps(self, errors: Floats, sd: Floats) -> Floats:
+    def crps(self, errors: Floats, sd: Floats, probability: Floats | None = None) -> Floats:
         """Return the continuous ranked probability score in the unit of the errors (n_samples, n_steps).
+
+        Args:
+            errors: What happened minus the predicted mean (n_samples, n_steps).
+            sd: Standard deviations that the model stated, likewise.
+            probability: What `probability` says of them, where that is known already.
 
         That is ∫ (F(y) − [y ≥ x])² dy in closed form: Gneiting and Raftery (2007) for the Gaussian, Jordan, Krüger and
         Lerch (2019) for Student's t. A forecast of one value without spread has its absolute error.
@@ -81,7 +86,8 @@ class Calibration:
         spread = 2.0 * np.sqrt(n) / (n - 1.0) * beta(0.5, n - 0.5) / np.square(beta(0.5, n / 2.0))
         gaussian = 2.0 * np.exp(-np.square(z) / 2.0) / np.sqrt(2.0 * np.pi) - 1.0 / np.sqrt(np.pi)
         rest = np.where(np.isinf(self.freedom), gaussian, peak - spread)
-        score: Floats = width * (z * (2.0 * _distribution(self.freedom, z) - 1.0) + rest)
+        below = _distribution(self.freedom, z) if probability is None else probability
+        score: Floats = width * (z * (2.0 * below - 1.0) + rest)
         return score
 
     def arrays(self) -> dict[str, NDArray[Any]]:

@@ -28,7 +28,7 @@ from .learned_baselines import LearnedBaseline
 from .lookahead_models import GeneralLookahead, VelocityLookahead
 from .measures import measure
 from .motion_primitives import N1, MotionPrimitives, fit_motion_primitives, windows_needed
-from .windows import Floats, Mask, Rows, Series, Windows, cut_windows, window_centres
+from .windows import Floats, Mask, Rows, Series, Windows, cut_windows, spread_out, window_centres
 
 MIXTURES = {"paper": "mixture", "curvature": "curvature_mixture"}
 """Mixture as `[models.motion_primitives] inputs` names it -> its name in the results."""
@@ -59,10 +59,9 @@ def evaluate_motion_primitives(project: Path, driver: str, fold: int, past_steps
     training, test = _split(series, fold, config)
     past, future = max(*settings.past_steps, 0), settings.future_steps
     complete = series.has_path_and_steering
-    learnt, asked = (
-        cut_windows(series, window_centres(series.stretch, rows & complete, past, future), past_steps, future)
-        for rows in (training, test)
-    )
+    of_training, of_test = (window_centres(series.stretch, rows & complete, past, future) for rows in (training, test))
+    learnt = cut_windows(series, spread_out(of_training, settings.max_windows), past_steps, future)
+    asked = cut_windows(series, of_test, past_steps, future)
     needed = max(windows_needed(learnt.inputs.shape[1] + future, max(settings.components)), FEWEST_SAMPLES)
     if (found := len(learnt.centres)) < needed:
         raise _too_few(project, driver, fold, f"{found} windows to learn from", needed)

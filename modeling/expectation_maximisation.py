@@ -205,7 +205,7 @@ def step(sample: Sample, parameters: Parameters, settings: Settings) -> Paramete
 
 def component_moments(rows: Rows, parameters: Parameters) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return what `GaussianMixture.moments` does, in single precision where that is enough."""
-    if rows.shape[1] > NARROW:
+    if rows.shape[1] > NARROW and len(rows) >= SINGLE_ROWS:
         parameters = _rounded(parameters)
     sums = _pass(Sample(rows), parameters, 1, np.empty(0, dtype=np.uint64))
     return sums.counts, *_means_and_covariances(parameters, sums, np.maximum(sums.counts, np.finfo(np.float64).tiny))

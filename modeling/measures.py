@@ -34,13 +34,14 @@ def measure(forecast: Forecast, truth: Floats, step: float) -> tuple[Row, list[R
     """
     errors = truth - forecast.mean
     calibration, sd = forecast.calibration, forecast.sd
+    probability = calibration.probability(errors, sd)
     size = np.abs(errors)
     quantities = {
         "mean_error": size,
         "mean_variance": calibration.variance(sd),
         "coverage_68": size <= calibration.half_width(sd, 0.68),
         "coverage_95": size <= calibration.half_width(sd, 0.95),
-        "crps": calibration.crps(errors, sd),
+        "crps": calibration.crps(errors, sd, probability),
     }
     overall: Row = {name: _mean(values) for name, values in quantities.items()}
     steps = [(horizon, round(horizon / step) - 1) for horizon in HORIZONS]
@@ -55,7 +56,7 @@ def measure(forecast: Forecast, truth: Floats, step: float) -> tuple[Row, list[R
         if 0 <= place < errors.shape[1]
     ]
     edges = np.linspace(0.0, 1.0, PROBABILITY_BINS + 1)
-    counts = np.histogram(calibration.probability(errors, sd), edges)[0]
+    counts = np.histogram(probability, edges)[0]
     probabilities: list[Row] = [
         {"probability": round(float(edge), 6), "share": float(count / errors.size) if errors.size else None}
         for edge, count in zip(edges, counts, strict=False)

@@ -237,7 +237,8 @@ def adapt_to_path_types(
     Returns:
         The mixtures by name, `everything` as `all`, and the windows by name, also of those without a mixture.
     """
-    names = np.array([[*reversed(_names(path_type, n1))] for path_type in path_types.astype(str).tolist()])
+    distinct, which = np.unique(path_types.astype(str), return_inverse=True)
+    names = np.array([[*reversed(_names(path_type, n1))] for path_type in distinct.tolist()])[which]
     samples = Counter(names.ravel().tolist())
     mixtures = {EVERYTHING: everything}
     for name in sorted(samples, key=lambda name: (_level(name), name)):

@@ -90,24 +90,29 @@ def k_means(
     """
     rows = rows - np.average(rows, axis=0, weights=weights)
     squares = np.einsum("ij,ij->i", rows, rows)
+
+    def distances_to(points: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.floating[Any]]:
+        """Return squared distances of all rows (n, points), rounded but never negative."""
+        of_points = np.einsum("ij,ij->i", points, points)
+        return np.maximum(squares[:, None] - 2.0 * rows @ points.T + of_points, 0.0)
+
     centres = rows[[generator.choice(len(rows), p=weights / weights.sum())]]
-    nearest = np.square(rows - centres[0]).sum(axis=1)
+    nearest = distances_to(centres)[:, 0]
     while len(centres) < k:
         # Of a few candidates, each drawn in proportion to its distance, the one that leaves least is taken.
         far = np.cumsum(weights * nearest)
         drawn = generator.random(2 + int(math.log(k))) * far[-1]
         candidates = rows[np.searchsorted(far, drawn, side="right") % len(rows)]
-        left = [np.minimum(nearest, np.square(rows - candidate).sum(axis=1)) for candidate in candidates]
-        best = int(np.argmin([weights @ distances for distances in left]))
-        centres, nearest = np.vstack([centres, candidates[best]]), left[best]
+        left = np.minimum(nearest[:, None], distances_to(candidates))
+        best = int(np.argmin(weights @ left))
+        centres, nearest = np.vstack([centres, candidates[best]]), left[:, best]
     labels = np.full(len(rows), -1, dtype=np.intp)
     for _ in range(iterations):
-        distances = squares[:, None] - 2.0 * rows @ centres.T + np.einsum("ij,ij->i", centres, centres)
-        previous, labels = labels, distances.argmin(axis=1)
+        previous, labels = labels, distances_to(centres).argmin(axis=1)
         if (labels == previous).all():
             break
         totals = np.bincount(labels, weights, k)
-        sums = np.stack([np.bincount(labels, weights * column, k) for column in rows.T], axis=1)
+        sums = (np.eye(k)[labels] * weights[:, None]).T @ rows
         occupied = totals > 0
         centres[occupied] = sums[occupied] / totals[occupied, None]
     return labels

@@ -23,7 +23,7 @@ from .lookahead_models import GeneralLookahead, VelocityLookahead
 from .motion_primitives import windows_needed
 from .predict import MODEL, SteeringModel
 from .storage import FORMAT, Arrays, Golden, save_model
-from .windows import Series, cut_windows, window_centres
+from .windows import Series, cut_windows, spread_out, window_centres
 
 GOLDEN_ROWS = 20
 """Predictions that a loaded model must reproduce."""
@@ -80,7 +80,8 @@ def train_motion_primitives(project: Path, driver: str, files: Mapping[str, str]
     series = read_series(project, driver, config)
     past_steps, components = settings.past_steps[-1], settings.components[-1]
     past, future = max(past_steps, 0), settings.future_steps
-    centres = window_centres(series.stretch, series.has_path_and_steering, past, future)
+    whole = window_centres(series.stretch, series.has_path_and_steering, past, future)
+    centres = spread_out(whole, settings.max_windows)
     windows = cut_windows(series, centres, past_steps, future)
     needed = max(windows_needed(windows.inputs.shape[1] + future, components), FEWEST_SAMPLES)
     if len(centres) < needed:

@@ -434,6 +434,11 @@ class MotionPrimitives(Section):
         default=[3], min_length=1, description="n4 of MP to evaluate; the last is trained"
     )
     starts: int = Field(default=1, ge=1)
+    max_windows: int = Field(
+        default=20_000,
+        ge=1000,
+        description="windows to learn from at most, evenly spread: neighbours, 0.1 s apart, are nearly equal",
+    )
     inputs: list[Literal["paper", "curvature"]] = Field(
         default=["curvature", "paper"],
         min_length=1,
