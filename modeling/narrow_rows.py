@@ -1,21 +1,36 @@
 """The pass of expectation maximisation over rows of a few columns, compiled: there BLAS has nothing to gain.
 
-Rows are taken in blocks, a column of a block at a time, so that all but the exponentials runs on vector units.
+Rows are taken in blocks, a column of a block at a time, so that all of it, exponentials too, runs on vector units.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
 from .estimator import FloatArray
 
-BLOCK = 64
+BLOCK = 128
+
+LOWEST = -60.0
+"""exp(−60) is nothing beside 1 in a sum of doubles; what lies below is taken as this."""
+
+LOG2_E = 1.0 / math.log(2.0)
+LN2_HIGH, LN2_LOW = 0.693147180369123816490, 1.90821492927058770002e-10
+"""ln 2 in two parts; multiples of the first up to 2¹¹ are exact."""
+
+ROUNDING = 1.5 * 2.0**52
+"""A double of this size has no fraction: adding it rounds, and leaves the rounded number in the lowest bits."""
+
+SUMS = {"reassoc", "nsz", "contract"}
+"""What may be assumed of floating point: sums in any order, so that vector units can form them."""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=SUMS)
 def narrow_pass(
     rows: FloatArray,
     sample_weights: FloatArray,
@@ -40,55 +55,101 @@ def narrow_pass(
     """
     n, d = rows.shape
     k = len(means)
-    columns, whitened = np.empty((d, BLOCK)), np.empty((k, d, BLOCK))
-    joint = np.empty((k, BLOCK))
-    difference = np.empty((d, BLOCK))
+    columns, whitened = np.zeros((d, BLOCK)), np.empty((k, d, BLOCK))
+    joint, weight = np.empty((k, BLOCK)), np.zeros(BLOCK)
+    top, total = np.empty(BLOCK), np.empty(BLOCK)
+    rounded = np.empty(BLOCK)
     log_likelihood = 0.0
     for start in range(0, n, BLOCK):
         size = min(BLOCK, n - start)
         for row in range(size):
             for i in range(d):
                 columns[i, row] = rows[start + row, i]
+            weight[row] = sample_weights[start + row] if len(sample_weights) else 1.0
+        weight[size:] = 0.0
+        top[:] = -np.inf
         for c in range(k):
-            squares = joint[c]
-            for row in range(BLOCK):
-                squares[row] = constants[c]
-            for i in range(d):
-                mean = means[c, i]
-                of_column, into = columns[i], difference[i]
-                for row in range(BLOCK):
-                    into[row] = of_column[row] - mean
+            log_density, squares = joint[c], total
+            squares[:] = 0.0
             for i in range(d):
                 y = whitened[c, i]
-                for row in range(BLOCK):
-                    y[row] = 0.0
+                y[:] = 0.0
                 for j in range(i + 1):
-                    factor = inverses[c, i, j]
-                    of_column = difference[j]
+                    factor, mean, of_column = inverses[c, i, j], means[c, j], columns[j]
                     for row in range(BLOCK):
-                        y[row] += factor * of_column[row]
+                        y[row] += factor * (of_column[row] - mean)
                 for row in range(BLOCK):
-                    squares[row] -= 0.5 * y[row] * y[row]
+                    squares[row] += y[row] * y[row]
+            for row in range(BLOCK):
+                log_density[row] = constants[c] - 0.5 * squares[row]
+                top[row] = max(top[row], log_density[row])
+        total[:] = 0.0
+        for c in range(k):
+            density = joint[c]
+            for row in range(BLOCK):
+                density[row] -= top[row]
+            exponentials(density, rounded)
+            for row in range(BLOCK):
+                total[row] += density[row]
         for row in range(size):
-            top = joint[0, row]
-            for c in range(1, k):
-                top = max(top, joint[c, row])
-            total = 0.0
-            for c in range(k):
-                below = joint[c, row] - top
-                # exp(−37) is what a double loses beside 1.
-                joint[c, row] = math.exp(below) if below > -37.0 else 0.0
-                total += joint[c, row]
-            weight = sample_weights[start + row] if len(sample_weights) else 1.0
-            log_likelihood += weight * (top + math.log(total))
-            share = weight / total
-            for c in range(k):
-                if joint[c, row] > 0.0:
-                    r = share * joint[c, row]
-                    counts[c] += r
-                    for i in range(d):
-                        ry = r * whitened[c, i, row]
-                        first[c, i] += ry
-                        for j in range(i + 1):
-                            second[c, i, j] += ry * whitened[c, j, row]
+            log_likelihood += weight[row] * (top[row] + math.log(total[row]))
+        for row in range(BLOCK):
+            total[row] = weight[row] / total[row]
+        for c in range(k):
+            r = joint[c]
+            count = 0.0
+            for row in range(BLOCK):
+                r[row] *= total[row]
+                count += r[row]
+            counts[c] += count
+            for i in range(d):
+                y, ry = whitened[c, i], top
+                moment = 0.0
+                for row in range(BLOCK):
+                    ry[row] = r[row] * y[row]
+                    moment += ry[row]
+                first[c, i] += moment
+                for j in range(i + 1):
+                    other = whitened[c, j]
+                    moment = 0.0
+                    for row in range(BLOCK):
+                        moment += ry[row] * other[row]
+                    second[c, i, j] += moment
     return log_likelihood
+
+
+@njit(cache=True, nogil=True)
+def exponentials(values: npt.NDArray[Any], rounded: npt.NDArray[Any]) -> None:
+    """Replace values from `LOWEST` to 0 by their exponentials, right to 1e-15.
+
+    exp(x) = 2ⁿ exp(r) with n = round(x / ln 2) and |r| ≤ ln 2 / 2, exp(r) by its Taylor series.
+
+    Args:
+        values: Shape (n,); smaller ones count as `LOWEST`.
+        rounded: Overwritten (n,).
+    """
+    bits = rounded.view(np.int64)
+    for i in range(len(values)):
+        x = max(values[i], LOWEST)
+        shifted = x * LOG2_E + ROUNDING
+        rounded[i] = shifted
+        n = shifted - ROUNDING
+        r = (x - n * LN2_HIGH) - n * LN2_LOW
+        series = 1.0 / 6227020800.0
+        series = series * r + 1.0 / 479001600.0
+        series = series * r + 1.0 / 39916800.0
+        series = series * r + 1.0 / 3628800.0
+        series = series * r + 1.0 / 362880.0
+        series = series * r + 1.0 / 40320.0
+        series = series * r + 1.0 / 5040.0
+        series = series * r + 1.0 / 720.0
+        series = series * r + 1.0 / 120.0
+        series = series * r + 1.0 / 24.0
+        series = series * r + 1.0 / 6.0
+        series = series * r + 0.5
+        series = series * r + 1.0
+        values[i] = series * r + 1.0
+    for i in range(len(values)):
+        bits[i] = (bits[i] + 1023) << 52  # 2ⁿ: n in the exponent's place
+    for i in range(len(values)):
+        values[i] *= rounded[i]
