@@ -69,7 +69,12 @@ class Report:
                 "command": self.command,
                 "status": int(self.status),
                 "stages": {
-                    title: {"done": stage.done, "current": stage.current, "failed": stage.failed}
+                    title: {
+                        "done": stage.done,
+                        "current": stage.current,
+                        "failed": stage.failed,
+                        "seconds": stage.seconds,
+                    }
                     for title, stage in self.stages.items()
                 },
                 "tables": {
@@ -83,9 +88,10 @@ class Report:
         out, err = console(), console(stderr=True)
         if self.stages:
             counts: list[Sequence[Any]] = [
-                (title, len(stage.done), len(stage.current), len(stage.failed)) for title, stage in self.stages.items()
+                (title, len(stage.done), len(stage.current), len(stage.failed), stage.seconds)
+                for title, stage in self.stages.items()
             ]
-            _print_table(out, "", ("stage", "done", "already current", "failed"), counts)
+            _print_table(out, "", ("stage", "done", "already current", "failed", "s"), counts)
         for title, heads, rows in self.tables:
             _print_table(out, title, heads, rows)
         problems = self.all_problems()

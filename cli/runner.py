@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -27,12 +28,14 @@ class StageResult:
         current: Names of the entries that were already made from the same inputs and parameters.
         failed: Names of the entries that could not be made.
         problems: All that was rejected, lost or failed, those of current entries too.
+        seconds: How long it took, planning aside.
     """
 
     done: list[str] = field(default_factory=list)
     current: list[str] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
     problems: list[InputError] = field(default_factory=list)
+    seconds: float = 0.0
 
 
 class Workers:
@@ -101,6 +104,7 @@ def run_stage(
         console: Where the progress goes; nothing is shown where it is not a terminal.
         force: Run current tasks too.
     """
+    begin = time.monotonic()
     result = StageResult(problems=[*planning])
     homeless = [*planning]
     waiting: list[Task] = []
@@ -125,6 +129,7 @@ def run_stage(
                 manifest.record(task.section, task.name, entry)
             advance()
     manifest.record("stages", title, {"outputs": [], "problems": _records(homeless)})
+    result.seconds = time.monotonic() - begin
     return result
 
 

@@ -245,7 +245,7 @@ def adapt_to_path_types(
         if name != EVERYTHING and samples[name] >= OWN_WINDOWS * joint.shape[1]:
             parent = next(mixtures[other] for other in _names(name, n1)[1:] if other in mixtures)
             own = joint[(names == name).any(axis=1)]
-            mixtures[name] = adapt(parent, own, PRIOR_WINDOWS * joint.shape[1], noise=noise)
+            mixtures[name] = adapt(parent, own, PRIOR_WINDOWS * joint.shape[1], noise=noise, steps=1)
     return mixtures, dict(sorted(samples.items()))
 
 
