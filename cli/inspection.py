@@ -94,7 +94,7 @@ def _progress(files: Sequence[Path]) -> Iterator[Callable[[Path, int | None], No
 
 def _problems(log: Inspection) -> list[InputError]:
     kept, rejected = log.account.rejections[:SHOWN_REJECTIONS], log.account.rejected
-    problems = [InputError(log.path, where, reason) for where, reason in kept]
+    problems = [InputError(log.path, where, reason) for where, reason in (*kept, *log.account.remarks)]
     if rejected > len(kept):
         listed = f"; --json lists {min(rejected, len(log.account.rejections))} of them"
         problems.append(InputError(log.path, "", f"{rejected - len(kept)} more records rejected{listed}"))
@@ -350,6 +350,7 @@ def _log_facts(log: Inspection, doubt: str) -> dict[str, Any]:
         "rejected": account.rejected,
         "truncated": account.truncated,
         "rejections": [{"where": where, "reason": reason} for where, reason in account.rejections],
+        "remarks": [{"where": where, "reason": reason} for where, reason in account.remarks],
         "stamps": stamps.facts(),
         "doubt": doubt or None,
     }

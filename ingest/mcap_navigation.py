@@ -106,6 +106,7 @@ class McapNavigation:
             finally:
                 account.accepted += inner.accepted
                 account.rejected += inner.rejected
+                account.remarks += [(f"topic {topic}", what) for _, what in inner.remarks]
                 for where, reason in inner.rejections[: KEPT_REJECTIONS - len(account.rejections)]:
                     number = where.removeprefix("byte ")
                     place = f", packet {int(number) // 72 + 1}" if number.isdigit() else ""

@@ -184,6 +184,7 @@ def _input_facts(
         "rejected": account.rejected,
         "truncated": account.truncated,
         "rejections": [{"where": where, "reason": reason} for where, reason in account.rejections],
+        "remarks": [{"where": where, "reason": reason} for where, reason in account.remarks],
         "start": None if stamps.start is None else iso_utc(stamps.start),
         "stop": None if stamps.stop is None else iso_utc(stamps.stop),
         "stamps": stamps.facts(),
@@ -204,7 +205,7 @@ def _sha256_of_parts(reader: Kitti) -> str:
 
 
 def _account_problems(path: Path, account: Account) -> list[InputError]:
-    problems = []
+    problems = [InputError(path, where, reason) for where, reason in account.remarks]
     if account.rejected:
         where, reason = account.rejections[0]
         more = f"; {account.rejected - 1} more are in manifest.json" if account.rejected > 1 else ""

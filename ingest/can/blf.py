@@ -149,7 +149,8 @@ def _start(header: bytes, account: Account) -> int:
             raise ValueError  # noqa: TRY301 - one way to say that a date is none
     except ValueError:
         found = f"{year}-{month}-{day} {hour}:{minute}:{second}.{millisecond}"
-        account.reject("byte 40", f"expected the date of the start, found {found}; times count from 1970-01-01")
+        reason = f"expected the date of the start, found {found}; times count from 1970-01-01"
+        account.remarks.append(("byte 40", reason))
         return 0
     return start // timedelta(milliseconds=1) * 1_000_000
 

@@ -87,9 +87,17 @@ class GvretCsv:
             if place[-1] < max(place):
                 raise ValueError("the header has columns behind D1 that are not bytes; put them before it")
             state[: len(place)] = place
-            return ""
+            return _strange_tail(names[place[-1] :])
 
         yield from read_frames(self.path, account, scan_gvret, judge, state)
+
+
+def _strange_tail(names: list[str]) -> str:
+    """Return what is wrong with the columns from `D1` on: after a lost line end they go on with the first row."""
+    for number, name in enumerate(names, start=1):
+        if name != f"d{number}" and any(names[number - 1 :]):
+            return f"expected the column D{number}, or the header's end: a row has joined it, or it has other columns"
+    return ""
 
 
 def _column_names(line: bytes) -> list[str]:

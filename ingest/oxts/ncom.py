@@ -96,7 +96,7 @@ class Ncom:
             raise InputError(self.path, "", _why_no_time(scan))
         if stamps.utc_from == "leap second table" and stamps.time.max() >= VALID_UNTIL:
             reason = f"the log never tells UTC from GPS time (status channel 16), and {BEYOND_TABLE}"
-            account.reject("", reason)
+            account.remarks.append(("", reason))
         metadata = {"utc_from": stamps.utc_from}
         yield from navigation_batches(lambda _: _samples(scan), account, metadata, unit="byte", record="packet")
 

@@ -101,7 +101,7 @@ class OxtsCsv:
         metadata = {"utc_from": "leap second table"}
         yield from navigation_batches(read, account, metadata, unit="line", record="line")
         if latest >= VALID_UNTIL:
-            account.reject("", f"the log's times are GPS time, and {BEYOND_TABLE}")
+            account.remarks.append(("", f"the log's times are GPS time, and {BEYOND_TABLE}"))
 
     def _header(self, text: bytes) -> _Header:
         cells = [cell.strip() for cell in _decode(text).split(",")]

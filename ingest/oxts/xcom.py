@@ -98,7 +98,7 @@ class Xcom:
             )
             raise InputError(self.path, "", reason)
         if latest >= VALID_UNTIL:
-            account.reject("", f"the log's times are GPS time, and {BEYOND_TABLE}")
+            account.remarks.append(("", f"the log's times are GPS time, and {BEYOND_TABLE}"))
 
 
 def _why_no_data(content: bytes) -> str:

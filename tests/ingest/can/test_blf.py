@@ -321,7 +321,7 @@ def test_bytes_between_objects(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("date", "start", "rejected"),
+    ("date", "start", "doubted"),
     [
         (DATE, START, []),
         ((0,) * 8, 0, []),
@@ -331,12 +331,13 @@ def test_bytes_between_objects(tmp_path: Path) -> None:
         ((2023, 1, 2, 14, 22, 13, 20, 1000), 0, ["2023-1-14 22:13:20.1000"]),
     ],
 )
-def test_start(tmp_path: Path, date: tuple[int, ...], start: int, rejected: list[str]) -> None:
+def test_start(tmp_path: Path, date: tuple[int, ...], start: int, doubted: list[str]) -> None:
     frames, account = read(tmp_path, header(date) + container(classic(7)))
     assert [frame[0] for frame in frames] == [start + 7]
-    assert account.rejections == [
-        ("byte 40", f"expected the date of the start, found {found}; times count from 1970-01-01") for found in rejected
+    remarks = [
+        ("byte 40", f"expected the date of the start, found {found}; times count from 1970-01-01") for found in doubted
     ]
+    assert account == Account(accepted=1, remarks=remarks)
 
 
 @pytest.mark.parametrize("method", [0, 2])

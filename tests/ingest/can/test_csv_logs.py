@@ -240,6 +240,24 @@ def test_a_header_that_cannot_be_understood(tmp_path: Path, header: str, reason:
     assert str(caught.value) == f"{tmp_path / 'can.csv'}: line 2: {reason}; found {header!r}"
 
 
+@pytest.mark.parametrize("end", ["", ",", "x", "9,", ",hello"])
+def test_a_row_that_has_joined_the_header_is_rejected(tmp_path: Path, end: str) -> None:
+    header, first, *rows = SAVVYCAN.splitlines()
+    joined = f"{header}{end}{first}"
+    frames, account = read(GvretCsv, tmp_path, "\n".join([joined, *rows, ""]))
+    assert frames == SAVVYCAN_FRAMES[1:]
+    reason = "expected the column D{}, or the header's end: a row has joined it, or it has other columns"
+    reason = reason.format(9 if end.startswith(",") else 8)
+    assert account == Account(
+        accepted=3, rejected=1, rejections=[("line 1", f"{reason}; found {joined[:80]!r} and more")]
+    )
+
+
+def test_empty_columns_behind_the_bytes_of_the_header(tmp_path: Path) -> None:
+    header, rows = SAVVYCAN.split("\n", 1)
+    assert read(GvretCsv, tmp_path, f"{header},,\n{rows}") == (SAVVYCAN_FRAMES, Account(accepted=4))
+
+
 def test_counters_of_32_bits_go_on_where_they_pass_their_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(text_log, "BATCH", 2)
     turn, half = 1 << 32, 1 << 31

@@ -481,7 +481,7 @@ class TestTime:
             "the log never tells UTC from GPS time (status channel 16), and the table of leap seconds ends on "
             "2027-06-28: its times may be a second off. Update Wheelprint"
         )
-        assert account == Account(accepted=1, rejected=1, rejections=[("", reason)])
+        assert account == Account(accepted=1, remarks=[("", reason)])
         assert read_samples(log, [clock(10, later), utc(20)])[1] == Account(accepted=2)
 
 

@@ -145,7 +145,7 @@ def test_times_beyond_the_table_of_leap_seconds_are_said(tmp_path: Path) -> None
         "the log's times are GPS time, and the table of leap seconds ends on 2027-06-28: its times may be a second "
         "off. Update Wheelprint"
     )
-    assert account == Account(accepted=1, rejected=1, rejections=[("", reason)])
+    assert account == Account(accepted=1, remarks=[("", reason)])
 
 
 def test_all_that_is_wrong_with_the_first_line_is_said(tmp_path: Path) -> None:
