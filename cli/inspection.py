@@ -53,7 +53,7 @@ def inspect_files(report: Report, paths: Sequence[Path], databases: Sequence[str
                 topics[path] = topics_of(path)
             except InputError as error:
                 if path in paths or path.suffix.lower() not in BESIDE_LOGS:
-                    report.problems.append(error)
+                    report.problems.append(error.as_problem())
             advance(path, None)
     report.failed = not logs
     for log in logs:

@@ -141,7 +141,7 @@ def _attempt(task: Task) -> Outcome | InputError:
     try:
         return task.run(**task.arguments)
     except InputError as error:
-        return error
+        return error.as_problem()
 
 
 @contextmanager

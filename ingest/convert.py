@@ -17,15 +17,16 @@ from ..schemas.project import Project, Recording
 from ..schemas.store import describe_output, fingerprint, publish_table
 from ..schemas.tables import SYNCED
 from ..schemas.tasks import Outcome, Task
+from .alignment import SECOND
 from .bus_navigation import BusNavigation, read_bus_navigation
 from .can.database import Database, load_databases
-from .clock import ClockEstimate, estimate_clock, to_utc
+from .clock import BRIDGED_GAP_S, PERIOD_S, ClockEstimate, estimate_clock, to_utc
 from .dead_reckoning import dead_reckon
 from .mapping import MappedSignal, resolve, resolve_navigation
 from .plausibility import absent_sources, no_overlap, too_long, unknown_clock, wrong_signs
-from .recording_logs import read_logs, recording_files
+from .recording_logs import give_memory_back, read_logs, recording_files
 from .signal_files import signal_file
-from .stored_signals import SampledSignal, Signal, StoredSignal, find_mapped, find_navigation
+from .stored_signals import NavigationSignal, SampledSignal, Signal, StoredSignal, find_mapped, find_navigation
 from .synchronise import synchronise
 
 
@@ -100,14 +101,15 @@ def convert_recording(
     max_gap = round(config.sync.max_gap * 1e9)
     bus = read_bus_navigation(logs.message_files, nav_mapping, max_gap)
     from_bus = not logs.navigation and bus is not None and bool(bus.signals) and config.nav.format in ("auto", "can")
-    nav_signals: dict[str, Signal]
-    nav_signals, origin = find_navigation(logs.navigation)
-    clock = _clock(config, stored, nav_signals, bus, from_bus=from_bus)
+    measured, origin = find_navigation(logs.navigation)
+    clock = _clock(config, stored, measured, bus, from_bus=from_bus)
+    give_memory_back()
     if bus is not None and from_bus:
         file = signal_file(folder, "can", "navigation")
         publish_table(file, navigation := bus.table(clock, round(config.nav.latency * 1e9)))
         logs.outputs.append(describe_output(project, file, rows=len(navigation)))
-        nav_signals, origin = find_navigation([file])
+        measured, origin = find_navigation([file])
+    nav_signals: dict[str, Signal] = dict(measured)
     path_from_bus = _path_from_bus(config, stored, nav_signals, clock)
     problems += absent_sources(recording, mapping, stored, nav_signals)
     entry: dict[str, Any] = {
@@ -177,7 +179,7 @@ def _find_signals(
 def _clock(
     config: Config,
     can: Mapping[str, StoredSignal],
-    nav: Mapping[str, Signal],
+    nav: Mapping[str, NavigationSignal],
     bus: BusNavigation | None,
     *,
     from_bus: bool,
@@ -194,11 +196,17 @@ def _clock(
         reason = f"navigation is on the clock of the CAN frames that it comes from{why}; UTC is the logger's"
         return ClockEstimate.fixed(0.0, reason)
     nothing = SampledSignal(np.array([], np.int64), np.array([]))
+    if "nav_speed" not in nav and "nav_yaw_rate" not in nav:
+        can = {}  # There is nothing to compare them with.
     speed = can["speed"].read() if "speed" in can else nothing
     yaw = can["yaw_rate"].read() if "yaw_rate" in can else None
-    nav_speed = nav["nav_speed"].read() if "nav_speed" in nav else nothing
-    nav_yaw = nav["nav_yaw_rate"].read() if "nav_yaw_rate" in nav else None
-    steering = can["steering_wheel_angle"].read() if "steering_wheel_angle" in can else None
+    # Of hours at 100 Hz the means are enough, and shift nothing.
+    period, max_gap = round(PERIOD_S * SECOND) // 2, round(BRIDGED_GAP_S * SECOND)
+    nav_speed = nav["nav_speed"].means(period, max_gap) if "nav_speed" in nav else nothing
+    nav_yaw = nav["nav_yaw_rate"].means(period, max_gap) if "nav_yaw_rate" in nav else None
+    # Steering is the last resort, and not worth the memory where it is not taken.
+    better = any(np.count_nonzero(np.isfinite(signal.values)) > 2 for signal in (speed, yaw) if signal)
+    steering = can["steering_wheel_angle"].read() if "steering_wheel_angle" in can and not better else None
     return estimate_clock(
         speed.time,
         speed.values,

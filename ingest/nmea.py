@@ -107,8 +107,8 @@ class Nmea:
         yield from navigation_batches(read, account, metadata, unit="line", record="epoch")
 
     def _first_date(self) -> int:
-        sentences = 0
-        for line in lines(self.path, Account()):
+        sentences, account = 0, Account()
+        for line in lines(self.path, account):
             try:
                 values = _sentence(line.text)
             except ValueError:
@@ -116,6 +116,8 @@ class Nmea:
             sentences += 1
             if values.time is not None and values.day is not None:
                 return values.day + values.time
+        if account.rejections:
+            raise InputError(self.path, *account.rejections[0])
         reason = (
             f"its date cannot be known: none of its {sentences} sentences is a RMC with a valid position, time and "
             "date. The receiver had no reception, or its output leaves RMC out; record with reception and RMC"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
@@ -74,7 +76,7 @@ def read_logs(project: Path, recording: Recording, database: Database, folder: P
             if path.suffix.lower() in BESIDE_LOGS and path.exists() and name not in cameras:
                 logs.ignored.append(name)
             elif name not in cameras:
-                logs.problems.append(error)
+                logs.problems.append(error.as_problem())
             continue
         for reader in readers:
             if reader.kind == "nav" and nav.format not in ("auto", reader.format):
@@ -89,8 +91,9 @@ def read_logs(project: Path, recording: Recording, database: Database, folder: P
                 else:
                     facts, stamps = _read_nav(project, reader, account, folder, name, logs)
             except InputError as error:
-                logs.problems.append(error)
+                logs.problems.append(error.as_problem())
                 facts = {"failed": str(error)}
+            give_memory_back()
             if len(readers) > 1 and not account.accepted and not account.rejected and "failed" not in facts:
                 continue  # The format may hold this kind of record; this file does not.
             if stamps.start is not None and stamps.stop is not None:
@@ -106,6 +109,13 @@ def read_logs(project: Path, recording: Recording, database: Database, folder: P
         what = f"none of its files could be read: {reasons}" if reasons else "it holds no log"
         raise InputError(recording.folder, "", f"{what}. A recording is a folder with a CAN log and a navigation log")
     return logs
+
+
+def give_memory_back() -> None:
+    """Return what is free to the system: else the C library keeps what one log took beside what the next one takes."""
+    pa.default_memory_pool().release_unused()
+    with suppress(AttributeError):  # It is glibc's own.
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _read_can(

@@ -13,6 +13,9 @@ from ..schemas.signals import Resampling
 Times = npt.NDArray[np.int64]
 Values = npt.NDArray[np.float64]
 
+PIECE = 1 << 14
+"""Points of a grid looked at at once, with the samples around them: a day takes no more memory than an hour."""
+
 
 def grid(start: int, stop: int, period: int) -> Times:
     """Return the exact multiples of `period` in the half-open interval [start, stop), all in ns since 1970.
@@ -47,7 +50,13 @@ def resample(
     time, samples = _in_order(time, np.asarray(values, np.float64))
     if method == "mean" and not _is_dense(time, period):
         method = "linear"
-    return _to_grid(time, samples, grid_time, method, max_gap, period)
+    result = np.empty(len(grid_time))
+    reach = max_gap + period
+    for first in range(0, len(grid_time), PIECE):
+        at = grid_time[first : first + PIECE]
+        start, stop = np.searchsorted(time, (at.min() - reach, at.max() + reach + 1)).tolist()
+        result[first : first + PIECE] = _to_grid(time[start:stop], samples[start:stop], at, method, max_gap, period)
+    return result
 
 
 def resample_pieces(

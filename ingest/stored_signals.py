@@ -18,6 +18,7 @@ from ..schemas.signals import NAV_SIGNALS, SIGNALS
 from ..schemas.store import read_batches, read_table
 from .mapping import MappedSignal
 from .navigation import Origin, merge_navigation
+from .resample import grid, resample_pieces
 
 Times = npt.NDArray[np.int64]
 Values = npt.NDArray[np.float64]
@@ -102,8 +103,7 @@ class StoredSignal:
 
     def read(self) -> SampledSignal:
         """Read all samples in the order of the logs."""
-        pieces = list(self.pieces())
-        return SampledSignal(*(np.concatenate([getattr(p, name) for p in pieces]) for name in ("time", "values")))
+        return _joined(self.pieces(), self.samples)
 
 
 @dataclass(slots=True)
@@ -188,31 +188,59 @@ class NavigationSignal:
     Attributes:
         files: One for each log, in the schema `NAVIGATION`.
         name: Canonical name.
+        samples: Of all logs, missing ones too.
         start: First stamp of the logs, ns.
         stop: Last one, ns.
     """
 
     files: tuple[Path, ...]
     name: str
+    samples: int
     start: int
     stop: int
 
     def read(self) -> SampledSignal:
         """Read the samples by increasing time, joined as `merge_navigation` says; null becomes NaN."""
+        if len(self.files) == 1:
+            return _joined(self._pieces(), self.samples)
         place = ("latitude", "longitude", "altitude", "x", "y") if self.name in ("x", "y") else (self.name,)
         joined = merge_navigation([read_table(file, ["time", *place]) for file in self.files])
         values = joined[self.name].cast(pa.float64(), safe=False).to_numpy()
         time: Times = joined["time"].cast(pa.int64()).to_numpy()
         return SampledSignal(time, np.where(_outside(self.name, values), np.nan, values))
 
+    def means(self, period: int, max_gap: int) -> SampledSignal:
+        """Return the means over periods, NaN within gaps, all in ns; every sample where a period has fewer than two."""
+        if len(self.files) > 1 or self.samples * period < 2 * (self.stop - self.start):
+            return self.read()
+        time = grid(self.start, self.stop + 1, period)
+        pieces = ((piece.time, piece.values) for piece in self._pieces())
+        return SampledSignal(time, resample_pieces(pieces, time, "mean", max_gap, period))
 
-def find_navigation(files: Sequence[Path]) -> tuple[dict[str, Signal], Origin | None]:
+    def _pieces(self) -> Iterator[SampledSignal]:
+        for batch in read_batches(self.files[0], ["time", self.name]):
+            values = batch[self.name].cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
+            time = batch["time"].cast(pa.int64()).to_numpy()
+            yield SampledSignal(time, np.where(_outside(self.name, values), np.nan, values))
+
+
+def _joined(pieces: Iterable[SampledSignal], count: int) -> SampledSignal:
+    """Return `count` samples as one signal; never are they in memory twice."""
+    joined, first = SampledSignal(np.empty(count, np.int64), np.empty(count)), 0
+    for piece in pieces:
+        part = slice(first, first := first + len(piece.time))
+        joined.time[part], joined.values[part] = piece.time, piece.values
+    return joined
+
+
+def find_navigation(files: Sequence[Path]) -> tuple[dict[str, NavigationSignal], Origin | None]:
     """Find every navigation signal that has at least one value, and the place where x and y are zero.
 
     Args:
         files: Navigation as it is published, each in the order of time; may be none.
     """
     stamps: list[int] = []
+    samples = 0
     known: set[str] = set()
     origins: dict[int, Origin] = {}
     for file in files:
@@ -221,6 +249,7 @@ def find_navigation(files: Sequence[Path]) -> tuple[dict[str, Signal], Origin | 
         groups = [content.row_group(number) for number in range(content.num_row_groups)]
         if content.num_rows == 0:
             continue
+        samples += content.num_rows
         time = read_table(file, ["time"])["time"]
         first, last = time[0].value, time[-1].value
         stamps += [first, last]
@@ -230,8 +259,10 @@ def find_navigation(files: Sequence[Path]) -> tuple[dict[str, Signal], Origin | 
                 known.add(name)
         if origin := json.loads((schema.metadata or {}).get(b"origin", b"null")):
             origins[first] = Origin(**origin)
-    signals: dict[str, Signal] = {
-        name: NavigationSignal(tuple(files), name, min(stamps), max(stamps)) for name in NAV_SIGNALS if name in known
+    signals = {
+        name: NavigationSignal(tuple(files), name, samples, min(stamps), max(stamps))
+        for name in NAV_SIGNALS
+        if name in known
     }
     return signals, origins[min(origins)] if origins else None
 

@@ -22,5 +22,9 @@ class InputError(Exception):
         self.where = where
         self.reason = reason
 
+    def as_problem(self) -> InputError:
+        """Return it as a value to keep, without its traceback, which would keep all that its reader held in memory."""
+        return InputError(self.path, self.where, self.reason)
+
     def __str__(self) -> str:
         return f"{self.path}: {self.where}: {self.reason}" if self.where else f"{self.path}: {self.reason}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from mmap import ACCESS_READ, MADV_DONTNEED, mmap
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,11 @@ from .ncom_time import Notices, Stamps, stamp_packets
 
 BATCH = 65_536
 """Packets decoded at once; about 11 MB."""
+BLOCK = 1 << 24
+"""Bytes searched at once."""
+_MILLISECONDS, _STATUS, _CHANNEL, _MINUTE, _UTC = slice(0, 2), 2, 3, slice(4, 8), 8
+_HEAD = np.array([1, 2, 21, 62, 63, 64, 65, 66, 70])
+"""The bytes of a packet that tell its time and those of its neighbours; above, where each is found among them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,12 +76,14 @@ class Scan:
     """A file's packets, found and stamped but not yet decoded.
 
     Attributes:
-        data: uint8 (n_bytes,), the file; mapped, not loaded, unless it is compressed.
+        data: uint8 (n_bytes,), the file.
+        mapped: What `data` is a view of; None where the file is compressed, and so had to be loaded.
         offset: int64 (n,), where packets begin.
         stamps: Their times.
     """
 
     data: npt.NDArray[np.uint8]
+    mapped: mmap | None
     offset: npt.NDArray[np.int64]
     stamps: Stamps
 
@@ -84,6 +92,7 @@ class Scan:
         for first in range(0, len(self.offset), BATCH):
             chosen = slice(first, first + BATCH)
             yield first, _decode(self.data, self.offset[chosen], self.stamps.time[chosen], self.stamps.known[chosen])
+            _forget(self.mapped)
 
 
 def scan_packets(path: Path, account: Account) -> Scan:
@@ -97,10 +106,8 @@ def scan_packets(path: Path, account: Account) -> Scan:
     Raises:
         InputError: The file is missing, unreadable, empty, or holds no packet.
     """
-    from .ncom_sync import find_packets
-
-    data = _content(path, account)
-    offset = find_packets(data)
+    data, mapped = _content(path, account)
+    offset, heads = _find(data, mapped)
     if len(offset) == 0:
         reason = (
             f"holds no NCOM packet in {len(data)} bytes; one is 72 bytes from 0xE7 to a matching checksum. "
@@ -108,22 +115,44 @@ def scan_packets(path: Path, account: Account) -> Scan:
         )
         raise InputError(path, "", reason)
     _account_for_the_rest(data, offset, account)
-    status, channel = data[offset + 21], data[offset + 62]
-    milliseconds = data[offset + 1] | data[offset + 2].astype(np.uint16) << 8
-    return Scan(data, offset, stamp_packets(status, milliseconds, *_notices(data, offset, status, channel)))
+    milliseconds = heads[:, _MILLISECONDS].copy().view("<u2")[:, 0]
+    stamps = stamp_packets(heads[:, _STATUS].copy(), milliseconds, *_notices(heads))
+    return Scan(data, mapped, offset, stamps)
 
 
-def _content(path: Path, account: Account) -> npt.NDArray[np.uint8]:
+def _content(path: Path, account: Account) -> tuple[npt.NDArray[np.uint8], mmap | None]:
     start = head(path)
     if not start:
-        raise InputError(path, "", "the file is empty; the unit may have been switched off before it wrote anything")
+        reason = "holds nothing: empty, or compressed and damaged from its start; the unit may have been off too early"
+        raise InputError(path, "", reason)
     try:
-        mapped = np.memmap(path, np.uint8, "r")
+        with path.open("rb") as file:
+            mapped = mmap(file.fileno(), 0, access=ACCESS_READ)
     except OSError as error:
         raise InputError(path, "", f"cannot be read: {error.strerror or error}") from None
-    if mapped[: len(start)].tobytes() == start:
-        return np.asarray(mapped)
-    return np.frombuffer(b"".join(blocks(path, account)), np.uint8)
+    if mapped[: len(start)] == start:
+        return np.frombuffer(mapped, np.uint8), mapped
+    return np.frombuffer(b"".join(blocks(path, account)), np.uint8), None
+
+
+def _forget(mapped: mmap | None) -> None:
+    """Give the pages of a file that were read back to the system, or they count as memory of this process."""
+    if mapped is not None:
+        mapped.madvise(MADV_DONTNEED)
+
+
+def _find(data: npt.NDArray[np.uint8], mapped: mmap | None) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.uint8]]:
+    """Return the offsets (n,) of all packets, and of each the bytes `_HEAD` (n, 9)."""
+    from .ncom_sync import find_packets
+
+    offsets, heads, place = [np.empty(0, np.int64)], [np.empty((0, len(_HEAD)), np.uint8)], 0
+    while len(data) - place >= layout.LENGTH:
+        found, searched = find_packets(data[place : place + BLOCK])
+        offsets.append(found + place)
+        heads.append(data[offsets[-1][:, None] + _HEAD])
+        place += searched
+        _forget(mapped)
+    return np.concatenate(offsets), np.concatenate(heads)
 
 
 def _account_for_the_rest(data: npt.NDArray[np.uint8], offset: npt.NDArray[np.int64], account: Account) -> None:
@@ -144,19 +173,14 @@ def _account_for_the_rest(data: npt.NDArray[np.uint8], offset: npt.NDArray[np.in
         account.reject(f"byte {begin}", reason)
 
 
-def _notices(
-    data: npt.NDArray[np.uint8],
-    offset: npt.NDArray[np.int64],
-    status: npt.NDArray[np.uint8],
-    channel: npt.NDArray[np.uint8],
-) -> tuple[Notices, Notices]:
+def _notices(heads: npt.NDArray[np.uint8]) -> tuple[Notices, Notices]:
     """Return the valid GPS minutes (status channel 0) and differences UTC - GPS in seconds (status channel 16)."""
-    holds_channel = layout.holds_channel(status)
+    holds_channel, channel = layout.holds_channel(heads[:, _STATUS]), heads[:, _CHANNEL]
     minute_at = np.flatnonzero(holds_channel & (channel == layout.TIME_CHANNEL))
-    minute = data[offset[minute_at, None] + np.arange(63, 67)].view("<i4")[:, 0].astype(np.int64)
+    minute = heads[minute_at, _MINUTE].copy().view("<i4")[:, 0].astype(np.int64)
     valid = (minute >= layout.FIRST_VALID_MINUTE) & (minute <= layout.LAST_VALID_MINUTE)
     utc_at = np.flatnonzero(holds_channel & (channel == layout.UTC_CHANNEL))
-    coded = data[offset[utc_at] + 70].view(np.int8)
+    coded = heads[utc_at, _UTC].view(np.int8)
     told = (coded & 1).astype(bool)
     return Notices(minute_at[valid], minute[valid]), Notices(utc_at[told], (coded[told] >> 1).astype(np.int64))
 

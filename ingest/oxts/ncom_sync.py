@@ -8,8 +8,8 @@ from numba import njit
 
 
 @njit(cache=True)
-def find_packets(data: npt.NDArray[np.uint8]) -> npt.NDArray[np.int64]:
-    """Return the offset of every NCOM packet, in order.
+def find_packets(data: npt.NDArray[np.uint8]) -> tuple[npt.NDArray[np.int64], int]:
+    """Return the offset of every NCOM packet, in order, and where the search ended, less than 72 bytes before the end.
 
     A packet is 72 bytes that begin with 0xE7 and end in the sum of the bytes between, modulo 256 (checksum 3);
     where there is none, the search goes on one byte further, as OxTS's own decoder does.
@@ -31,4 +31,4 @@ def find_packets(data: npt.NDArray[np.uint8]) -> npt.NDArray[np.int64]:
                 place += 72
                 continue
         place += 1
-    return offsets[:count]
+    return offsets[:count], place

@@ -83,10 +83,49 @@ def stamp_packets(
     if len(packets) == 0:
         return Stamps(time, known, doubts, utc_from)
 
-    within = milliseconds[packets].astype(np.int64)
-    step = np.diff(within) % MINUTE
-    count = np.cumsum(np.concatenate((within[:1], np.where(step > MINUTE - REORDERED, step - MINUTE, step))))
+    within = milliseconds[packets].astype(np.int32)
+    gps = _count(within)
+    starts, located = _start(packets, within, gps, status, minutes, doubts)
+    if starts is None:
+        return Stamps(time, known, doubts, utc_from)
+    # In place, here and below: a day of packets is long.
+    gps += starts
+    gps *= 1_000_000
+    if len(utc_offsets.packet):
+        ahead = GPS_EPOCH + utc_offsets.value * 1_000_000_000
+        gps += ahead[np.maximum(np.searchsorted(utc_offsets.packet, packets, "right") - 1, 0)]
+        utc = gps
+    else:
+        utc = gps_to_utc(gps)
+    time[packets[located]] = utc[located]
+    known[packets[located]] = True
+    return Stamps(time, known, doubts, utc_from)
 
+
+def _steps(within: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """Return the steps (n - 1,) between milliseconds within the minute, as if each were forward."""
+    return np.asarray(np.diff(within) % MINUTE, np.int32)
+
+
+def _count(within: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
+    """Count packets through by their milliseconds within the minute."""
+    step = _steps(within)
+    step[step > MINUTE - REORDERED] -= MINUTE
+    count = np.empty(len(within), np.int64)
+    count[0], count[1:] = within[0], step
+    return np.cumsum(count, out=count)
+
+
+def _start(
+    packets: npt.NDArray[np.intp],
+    within: npt.NDArray[np.int32],
+    count: npt.NDArray[np.int64],
+    status: npt.NDArray[np.uint8],
+    minutes: Notices,
+    doubts: dict[int, str],
+) -> tuple[npt.NDArray[np.int64] | None, npt.NDArray[np.bool_]]:
+    """Return for each packet where its count starts, in ms of GPS time, and whether that is known; None: of none."""
+    located = np.ones(len(packets), bool)
     place = np.maximum(np.searchsorted(packets, minutes.packet, "right") - 1, 0)
     inside = (within[place] >= REORDERED) & (within[place] < MINUTE - REORDERED)
     usable = (packets[place] == minutes.packet) | ((status[minutes.packet] == STATUS_ONLY) & inside)
@@ -98,11 +137,14 @@ def stamp_packets(
         doubts[packet] = f"GPS minute {lone} contradicts the packets before and after it; the packet is damaged"
     place, start = place[~alone], start[~alone]
     if len(start) == 0:
-        return Stamps(time, known, doubts, utc_from)
+        return None, located
 
-    starts = start[np.maximum(np.searchsorted(place, np.arange(len(packets)), "right") - 1, 0)]
-    located = np.ones(len(packets), bool)
-    for change in np.flatnonzero(start[1:] != start[:-1]).tolist():
+    # Each holds until the next one, the first also before it.
+    bounds = np.concatenate(([0], place[1:], [len(packets)]))
+    starts = np.repeat(start, np.diff(bounds))
+    changes = np.flatnonzero(start[1:] != start[:-1]).tolist()
+    step = _steps(within) if changes else np.empty(0, np.int32)
+    for change in changes:
         before, after = int(place[change]), int(place[change + 1])
         if after - before < 2:
             continue
@@ -116,12 +158,4 @@ def stamp_packets(
             "the GPS minute changed somewhere between the channel 0 before and the one after it, without a step in the "
             "milliseconds; its minute cannot be known"
         )
-    gps = (count + starts) * 1_000_000
-    if len(utc_offsets.packet):
-        holding = np.maximum(np.searchsorted(utc_offsets.packet, packets, "right") - 1, 0)
-        utc = gps + GPS_EPOCH + utc_offsets.value[holding] * 1_000_000_000
-    else:
-        utc = gps_to_utc(gps)
-    time[packets[located]] = utc[located]
-    known[packets[located]] = True
-    return Stamps(time, known, doubts, utc_from)
+    return starts, located

@@ -194,7 +194,7 @@ def _read(sample: Sample, path: Path) -> tuple[Records | InputError, Account]:
     try:
         return sample.read(path, account), account
     except InputError as error:
-        return error, account
+        return error.as_problem(), account
 
 
 def _doubt(path: Path, sample: Sample, result: Records | InputError, account: Account) -> str:

@@ -236,6 +236,7 @@ class TestPackets:
         whole, account = read_samples(log, content)
         assert whole["position_accuracy"].null_count not in (0, len(whole))
         monkeypatch.setattr("wheelprint.ingest.oxts.ncom_packets.BATCH", 7)
+        monkeypatch.setattr("wheelprint.ingest.oxts.ncom_packets.BLOCK", 100)
         small_account = Account()
         batches = list(Ncom(log).batches(small_account))
         assert len(batches) > 20
@@ -301,7 +302,8 @@ class TestFile:
             read_packets(log)
         assert (
             str(caught.value)
-            == f"{log}: the file is empty; the unit may have been switched off before it wrote anything"
+            == f"{log}: holds nothing: empty, or compressed and damaged from its start; the unit may have been off too "
+            "early"
         )
         with pytest.raises(InputError) as caught:
             read_packets(log.parent)
