@@ -139,16 +139,16 @@ def estimate_clock(
         nav_speed: (n_nav,) m/s, NaN where missing.
         can_yaw_rate: Stamps in ns and values in deg/s; scale, bias and sign do not matter.
         nav_yaw_rate: UTC stamps in ns and values in deg/s. Yaw rates are used if both are given.
-        can_steering: Stamps in ns and steering wheel angles in deg. They are used, against the curvature of
-            navigation's path, if the bus has neither speed nor yaw rate.
+        can_steering: Stamps in ns and steering wheel angles in deg. They are compared with the curvature of
+            navigation's path if the bus has neither speed nor yaw rate.
         max_offset_s: Largest offset that is tried first, s.
 
     Returns:
         The estimate. It is applied if the correlation reaches 0.9, no other offset explains the signals nearly as
         well, three standard errors of the offset stay within 10 ms throughout the recording (60 ms where it is shorter
         than two minutes), and those of the drift
-        within 5 ppm where it takes half an hour or more. From steering it is applied where it exceeds twice the 0.1 s
-        by which steering leads, which the standard error then holds.
+        within 5 ppm where it takes half an hour or more. From steering alone it is never applied: by how much steering
+        leads the yaw rate, some 0.1 s, no measurement tells from the offset. The reason says what the offset is about.
     """
     driven = np.where(np.asarray(nav_speed, np.float64) >= STANDSTILL, nav_speed, np.nan)
     can, nav = {"speed": (can_time, np.abs(can_speed))}, {"speed": (nav_time, driven)}
@@ -354,15 +354,18 @@ def _said(found: _Alignment) -> str:
 
 
 def _from_steering(found: ClockEstimate) -> ClockEstimate:
-    """Return the estimate with what is known of steering: it leads the yaw rate."""
+    """Return what steering alone says, unapplied: nobody knows by how much it leads the yaw rate."""
     if not found.applied or found.standard_error_ms is None:
         return found
-    lead = f"the yaw rate follows steering by some {STEERING_LEAD_S:g} s, more or less"
-    if abs(found.offset_s) < 2 * STEERING_LEAD_S:
-        reason = f"steering agrees with an offset of 0: {found.offset_s:.3f} s, and {lead}"
-        return replace(found, offset_s=0.0, drift_ppm=0.0, applied=False, reason=reason)
+    near = (
+        "steering agrees with an offset of 0" if abs(found.offset_s) < 2 * STEERING_LEAD_S else "steering tells no more"
+    )
+    reason = (
+        f"{near}: {found.offset_s:.3f} s, give or take the {STEERING_LEAD_S:g} s or so by which the yaw rate follows "
+        f"it; map speed or yaw rate{ADVICE}"
+    )
     error = 1e3 * hypot(found.standard_error_ms / 1e3, STEERING_LEAD_S)
-    return replace(found, standard_error_ms=error, reason=f"{found.reason}; {lead}, and no better signal is mapped")
+    return replace(found, offset_s=0.0, drift_ppm=0.0, standard_error_ms=error, applied=False, reason=reason)
 
 
 def _doubt(found: _Alignment, drift_error_ppm: float) -> str:

@@ -77,11 +77,14 @@ class McapNavigation:
         Raises:
             InputError: The file cannot be read, or the time of no NCOM packet can be known.
         """
-        survey = _survey(self.path)
+        surveyed = Account()
+        survey = _survey(self.path, surveyed)
         if survey.packets:
             yield from self._from_packets(max(survey.packets, key=survey.packets.__getitem__), account)
         elif survey.topics:
             yield from self._from_messages(survey, account)
+        else:
+            account.truncated |= surveyed.truncated
 
     def _from_packets(self, topic: str, account: Account) -> Iterator[pa.RecordBatch]:
         """Yield what `Ncom` makes of the raw packets of a topic, in a file of their own."""
@@ -181,12 +184,12 @@ class _Survey:
     origins: dict[str, Origin] = field(default_factory=dict)
 
 
-def _survey(path: Path) -> _Survey:
+def _survey(path: Path, account: Account) -> _Survey:
     from .navigation import Origin
 
     found = _Survey()
     counts: dict[str, dict[str, int]] = {}
-    for message in messages(path, Account(), lambda topic: topic.ros_schema in {NCOM, *_TELLS}):
+    for message in messages(path, account, lambda topic: topic.ros_schema in {NCOM, *_TELLS}):
         schema, name = message.topic.ros_schema, message.topic.name
         counts.setdefault(schema, {}).setdefault(name, 0)
         counts[schema][name] += 1

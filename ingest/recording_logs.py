@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -34,13 +35,28 @@ BESIDE_LOGS = frozenset(
 
 
 def recording_files(recording: Recording) -> dict[str, Path]:
-    """Return a recording's files by their path within it, sorted; hidden ones are left out."""
-    found = {
-        path.relative_to(recording.folder).as_posix(): path
-        for path in recording.folder.rglob("*")
-        if (path.is_file() or path.is_symlink()) and not path.is_dir()
-    }
-    return {name: found[name] for name in sorted(found) if not Path(name).name.startswith(".")}
+    """Return a recording's files by their path within it, sorted; hidden ones are left out.
+
+    A folder that is linked is followed, once, unless it is within the recording, whose files are there anyway, or
+    holds the recording.
+    """
+    home = recording.folder.resolve()
+    found: dict[str, Path] = {}
+    seen: set[Path] = set()
+    for place, folders, names in os.walk(recording.folder, followlinks=True):
+        folder = Path(place)
+        folders.sort()
+        for name in tuple(folders):
+            inner = folder / name
+            target = inner.resolve()
+            known = target in seen or target.is_relative_to(home) or home.is_relative_to(target)
+            if inner.is_symlink() and known:
+                folders.remove(name)
+            seen.add(target)
+        for path in (folder / name for name in names if not name.startswith(".")):
+            if path.is_file() or path.is_symlink():
+                found[path.relative_to(recording.folder).as_posix()] = path
+    return {name: found[name] for name in sorted(found)}
 
 
 @dataclass(slots=True)

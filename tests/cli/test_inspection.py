@@ -68,7 +68,7 @@ def test_json_carries_messages_with_rate_gaps_and_name(drive: Path, wheelprint: 
     assert log == {
         "path": str(drive / "can.log"), "format": "candump", "holds": "can", "start": "2023-11-14T22:13:20.000Z",
         "stop": "2023-11-14T22:13:42.990Z", "accepted": 2020, "rejected": 1, "truncated": False,
-        "rejections": [{"where": "line 4", "reason": log["rejections"][0]["reason"]}],
+        "rejections": [{"where": "line 4", "reason": log["rejections"][0]["reason"]}], "remarks": [],
         "stamps": {
             "backwards": {"count": 0, "worst_s": 0.0, "at": None},
             "repeated": {"count": 20, "most_on_one_stamp": 2, "at": "2023-11-14T22:13:20.000Z"},

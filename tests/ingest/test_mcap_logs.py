@@ -233,6 +233,15 @@ def test_damage_ends_as_a_result(tmp_path: Path) -> None:
     assert lost > 50
 
 
+def test_navigation_that_may_be_behind_the_end_is_said(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.mcap", traffic(80)[0])
+    whole, cut = Account(), Account()
+    assert list(McapNavigation(path).batches(whole)) == []
+    path.write_bytes(path.read_bytes()[:-100])
+    assert list(McapNavigation(path).batches(cut)) == []
+    assert (whole, cut) == (Account(), Account(truncated=True))
+
+
 def test_raw_packets_are_read_as_ncom(tmp_path: Path) -> None:
     n = 500
     write_ncom(

@@ -71,7 +71,7 @@ def test_a_folder_of_images_is_one_input_and_none_of_them_is_ignored(recording: 
     sizes = {**dict.fromkeys(names, 5), "calibration.png": 0}
     assert camera == {
         "path": "camera/front", "sha256": fingerprint(sizes), "bytes": 60, "format": "camera", "kind": "camera",
-        "accepted": 12, "rejected": 1, "truncated": False, "rejections": [rejection],
+        "accepted": 12, "rejected": 1, "truncated": False, "rejections": [rejection], "remarks": [],
         "start": "2023-11-14T22:13:20.000Z", "stop": "2023-11-14T22:13:31.000Z",
         "stamps": {
             "backwards": {"count": 0, "worst_s": 0.0, "at": None},
