@@ -120,6 +120,18 @@ def test_turns_of_an_angle_do_not_matter(recording: list[tuple[int, int, int]]) 
     np.testing.assert_allclose(around, straight, atol=1e-9)
 
 
+@given(recordings, methods, st.integers(1, 9))
+def test_a_grid_in_pieces_gives_what_it_gives_at_once(
+    recording: list[tuple[int, float]], method: Resampling, piece: int
+) -> None:
+    at = grid(0, 2100, PERIOD)
+    whole = resample(*arrays(recording), at, method, MAX_GAP, PERIOD)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("wheelprint.ingest.resample.PIECE", piece)
+        pieces = resample(*arrays(recording), at, method, MAX_GAP, PERIOD)
+    np.testing.assert_allclose(pieces, whole, atol=1e-8)
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_nothing_comes_from_a_gap(method: Resampling) -> None:
     time = np.concatenate((np.arange(0, 1001, 10), np.arange(2000, 3001, 10))).astype(np.int64)
