@@ -158,7 +158,7 @@ def planned_acceleration(
     aim = max(plan.speed[place] * (1.0 + speed_noise), 0.8)
     # At walking pace the car creeps up to the line, however early the braking was.
     planned = plan.acceleration[place] if speed > 1.5 else max(plan.acceleration[place], 0.0)
-    wanted = min(planned + (aim - speed) / 1.5, manner.acceleration)
+    wanted: float = min(planned + (aim - speed) / 1.5, manner.acceleration)
     if speed < 2.0 and wanted < 0.0:
         wanted = max(wanted, -0.4 - 0.7 * speed)
     if stop - s < 0.3:
@@ -182,7 +182,7 @@ def brake_or_swerve(reaction: Reaction, hazards: Hazards, wanted: float) -> tupl
 def steering_rate(
     reaction: Reaction, hazards: Hazards, chassis: Chassis, held: float, angle: float, speed: float
 ) -> float:
-    """Return the rate in rad/s at which the road wheels turn from `angle` to what is held; in a swerve a pulse is on it.
+    """Return the rate in rad/s at which the road wheels turn to the angle that is held; in a swerve a pulse is on it.
 
     Args:
         reaction: What the driver does.
@@ -220,8 +220,7 @@ def run(
     n, stops = len(manner.noise), len(plan.stop)
     states = np.empty((n, len(COLUMNS)))
     reactions = np.full(n, -1)
-    foot, next_stop = 0, 0
-    x, y = line.x[0], line.y[0]
+    foot, next_stop, x, y = 0, 0, line.x[0], line.y[0]
     heading = math.atan2(line.y[1] - y, line.x[1] - x)
     speed = acceleration = angle = smoothed = curvature = slip = 0.0
     standing, departed = 3.0, -1.0
@@ -255,8 +254,7 @@ def run(
         # Pedals: wait at stops, follow the plan, brake for hazards.
         wanted = 0.0
         if standing > 0.0:
-            standing -= period
-            departed = s
+            standing, departed = standing - period, s
         else:
             stop = plan.stop[next_stop] if next_stop < stops else np.inf
             wanted = planned_acceleration(plan, manner, line, s, speed, manner.speed_noise[k], departed, stop)
@@ -269,9 +267,8 @@ def run(
         if standing > 0.0 or next_speed <= 0.0:
             next_speed = next_acceleration = 0.0
             if standing <= 0.0 and next_stop < stops and plan.stop[next_stop] - s < 5.0:
-                standing = plan.standstill[next_stop]
+                standing, departed = plan.standstill[next_stop], s
                 next_stop += 1
-                departed = s
         if mode != SWERVING and speed > 0.0:
             # After a swerve the driver takes hold of the lane again by and by.
             time = manner.smoothing if mode != RECOVERING else 3 * manner.smoothing
@@ -282,8 +279,7 @@ def run(
         next_heading = heading + period * (speed * curvature + next_speed * next_curvature) / 2
         course = (heading + slip + next_heading + next_slip) / 2
         distance = period * (speed + next_speed) / 2
-        x += distance * math.cos(course)
-        y += distance * math.sin(course)
-        heading, slip, speed, acceleration = next_heading, next_slip, next_speed, next_acceleration
-        curvature = next_curvature
+        x, y = x + distance * math.cos(course), y + distance * math.sin(course)
+        heading, slip, curvature = next_heading, next_slip, next_curvature
+        speed, acceleration = next_speed, next_acceleration
     return states, reactions
