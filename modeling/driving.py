@@ -173,7 +173,11 @@ def _differences(track: Track, drive: Drive) -> tuple[FloatArray, ...]:
 
 
 def _reachable(angle: FloatArray, rate: FloatArray, speed: FloatArray) -> FloatArray:
-    """Return the limit of the angle (n,), lower where else it would fall faster than the wheel may be turned."""
+    """Return the limit of the angle (n,), lower where else it would fall faster than the wheel may be turned.
+
+    At a point it is the least of the neighbours, too: between two points it is not more than what holds there.
+    """
+    angle = np.minimum(angle, np.minimum(np.append(angle[1:], angle[-1]), np.append(angle[0], angle[:-1])))
     turned = np.concatenate([[0.0], np.cumsum(FALL * rate[:-1] * SPACING / np.maximum(speed[:-1], speed[1:]))])
     reachable: FloatArray = np.minimum.accumulate((angle + turned)[::-1])[::-1] - turned
     return np.minimum(reachable, angle)

@@ -26,7 +26,7 @@ SHORTEST_REACH = 4.0
 """m, over which it does when the car is slow."""
 
 TAKEOVER = 0.5
-"""s, time constant with which the share of the driver changes."""
+"""s, time constant with which the share of the driver follows what is known of the place."""
 
 COLUMNS = (
     "time", "distance", "x", "y", "deviation", "speed", "steering_wheel_angle", "lookahead", "driver_share",
@@ -73,6 +73,12 @@ class Chassis(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
+def reach_at(speed: float) -> float:
+    """Return ℓ in m, the distance within which the controller's tracking error falls to 1/e at a speed in m/s."""
+    return max(TIME_CONSTANT * speed, SHORTEST_REACH)
+
+
+@njit(cache=True, nogil=True)
 def stable_curvature(deviation: float, astray: float, curvature: float, speed: float) -> float:
     """Return the curvature in 1/m that brings the car back to the path from wherever it is (Samson's path following).
 
@@ -95,7 +101,7 @@ def stable_curvature(deviation: float, astray: float, curvature: float, speed: f
         curvature: κ_p, 1/m, positive to the left.
         speed: v, m/s.
     """
-    reach = max(TIME_CONSTANT * speed, SHORTEST_REACH)
+    reach = reach_at(speed)
     sinc = math.sin(astray) / astray if abs(astray) > 1e-6 else 1.0
     # Beyond a bend's centre there is no nearest point; short of that the path seems shorter than it is.
     along = curvature * math.cos(astray) / max(1.0 - curvature * deviation, 0.2)
@@ -103,9 +109,20 @@ def stable_curvature(deviation: float, astray: float, curvature: float, speed: f
 
 
 @njit(cache=True, nogil=True)
-def shown_share(deviation: float, tolerance: float) -> float:
-    """Return how far a driver who keeps within `tolerance` m of the path is to be trusted so far off it, 1 to 0."""
-    beyond = min(max(abs(deviation) / tolerance - 1.0, 0.0), 1.0)
+def share_on_path(deviation: float, astray: float, speed: float, tolerance: float) -> float:
+    """Return how far a driver who keeps to the path within `tolerance` m is to be trusted so far off it, 1 to 0.
+
+    What counts is d = √(e² + ℓ² ψ²), the root of `stable_curvature`'s 2 V ℓ². From d = 2·`tolerance` on nothing of the
+    driver is left, so that V falls: whatever the driver does within, d stays below, and |e| ≤ d.
+
+    Args:
+        deviation: e, m.
+        astray: ψ, rad.
+        speed: v, m/s.
+        tolerance: m.
+    """
+    away = math.hypot(deviation, reach_at(speed) * astray)
+    beyond = min(max(away / tolerance - 1.0, 0.0), 1.0)
     return 1.0 - beyond * beyond * (3.0 - 2.0 * beyond)
 
 
@@ -134,15 +151,14 @@ def follow(
     """Drive along a line to where it does not reach as far ahead as the driver looks.
 
     The driver's angle is that of PP eq. 1, within the limits of angle and rate. The car steers that and the angle of
-    `stable_curvature` in shares: the driver's is `driver_share` of the place and that of the deviation together, and
-    follows them with `TAKEOVER`. Speed is that of the place.
+    `stable_curvature` in shares: the driver's is `share_on_path` times `driver_share` of the place, which is followed
+    with `TAKEOVER`. Speed is that of the place.
 
     Args:
         line: The path.
         way: What holds along it; the limit of the angle falls no faster than the limit of the rate allows.
         chassis: The car.
-        tolerance: m off the path beyond which the controller begins to take over, all of it at twice that; infinite
-            for a driver without a controller.
+        tolerance: m, see `share_on_path`; infinite for a driver without a controller.
         deviation: m to the left of the line's first point, where the car begins.
         astray: rad to the left of its course, where the car points.
         angle: rad, road wheel angle before the first step.
@@ -156,7 +172,7 @@ def follow(
     sine, cosine = math.sin(way.course[0]), math.cos(way.course[0])
     x, y, heading = line.x[0] - deviation * sine, line.y[0] + deviation * cosine, way.course[0] + astray
     driver = steered = min(max(angle, -way.angle[0]), way.angle[0])
-    foot, count, driver_share = 0, 0, -1.0
+    foot, count, trusted = 0, 0, 1.0
     while count < len(rows) * STEPS_PER_ROW:
         foot, share = foot_point(x, y, line, foot)
         place, lookahead = (foot + share) * line.step, between(way.lookahead, foot, share)
@@ -171,8 +187,9 @@ def follow(
         driver = min(max(wanted, driver - most), driver + most)
         driver = min(max(driver, -largest), largest)
 
-        trusted = between(way.driver_share, foot, share) * shown_share(deviation, tolerance)
-        driver_share = trusted if count == 0 else driver_share + (trusted - driver_share) * PERIOD / TAKEOVER
+        known = between(way.driver_share, foot, share)
+        trusted = known if count == 0 else trusted + (known - trusted) * PERIOD / TAKEOVER
+        driver_share = trusted * share_on_path(deviation, astray, speed, tolerance)
         length = chassis.wheelbase + chassis.understeer * speed**2
         target = driver
         if driver_share < 1.0:

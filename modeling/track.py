@@ -28,8 +28,8 @@ TRANSITION = 6.0
 SLOWEST, FASTEST = 10 / 3.6, 40 / 3.6
 """m/s on it, PP section IV-D."""
 
-LATERAL_ACCELERATION = 2.0
-"""m/s², by which its speed follows from its curvature within those limits."""
+LATERAL_ACCELERATION, ACCELERATION = 2.0, 1.5
+"""m/s², by which its speed follows from its curvature within those limits, and by which it changes."""
 
 MOVING = 1.0
 """m/s; a recording is cut where the car is slower."""
@@ -83,7 +83,8 @@ class Track:
 def lay_track(pieces: Sequence[tuple[float, float]] = PIECES) -> Track:
     """Return a track of straights and arcs with `TRANSITION` in between.
 
-    Its speed keeps to `LATERAL_ACCELERATION` from `SLOWEST` to `FASTEST` and is averaged over 20 m.
+    Its speed is the greatest up to `FASTEST` that keeps to `LATERAL_ACCELERATION` and `ACCELERATION`, and `SLOWEST` at
+    least.
 
     Args:
         pieces: Length (m) and signed radius (m, positive to the left, 0: straight) of each.
@@ -93,14 +94,18 @@ def lay_track(pieces: Sequence[tuple[float, float]] = PIECES) -> Track:
     turned = np.concatenate([[0.0], np.cumsum(curvature)[:-1]]) * SPACING
     middle = turned[:-1] + curvature[:-1] * SPACING / 2
     chord = SPACING * np.sinc(curvature[:-1] * SPACING / (2 * np.pi))
-    fastest = np.sqrt(LATERAL_ACCELERATION / np.maximum(np.abs(curvature), 1e-6))
+    square = np.clip(LATERAL_ACCELERATION / np.maximum(np.abs(curvature), 1e-6), SLOWEST**2, FASTEST**2)
+    # v² changes by 2·a per metre at most: the lowest of all cones that open backwards, then forwards.
+    change = 2 * ACCELERATION * SPACING * np.arange(len(square))
+    square = np.minimum.accumulate((square + change)[::-1])[::-1] - change
+    square = np.minimum.accumulate(square - change) + change
     unknown = np.full(len(curvature), np.nan)
     return Track(
         x=np.concatenate([[0.0], np.cumsum(chord * np.cos(middle))]),
         y=np.concatenate([[0.0], np.cumsum(chord * np.sin(middle))]),
         course=turned,
         curvature=curvature,
-        speed=_averaged(np.clip(fastest, SLOWEST, FASTEST), 20.0),
+        speed=np.sqrt(square),
         steering_wheel_angle=unknown,
         lookahead=unknown,
         deviation=unknown,
