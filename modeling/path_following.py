@@ -105,7 +105,8 @@ def stable_curvature(deviation: float, astray: float, curvature: float, speed: f
     sinc = math.sin(astray) / astray if abs(astray) > 1e-6 else 1.0
     # Beyond a bend's centre there is no nearest point; short of that the path seems shorter than it is.
     along = curvature * math.cos(astray) / max(1.0 - curvature * deviation, 0.2)
-    return along - deviation * sinc / reach**2 - 2.0 * astray / reach
+    turned: float = along - deviation * sinc / reach**2 - 2.0 * astray / reach
+    return turned
 
 
 @njit(cache=True, nogil=True)
