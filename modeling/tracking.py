@@ -32,7 +32,7 @@ TEST_TRACK = "test-track"
 SECTION = "tracks"
 """Of the manifest."""
 
-DRAWN = (*((law, "pursuit") for law in LAWS), ("velocity", "combined"))
+DRAWN = (*((law, "pursuit") for law in LAWS), ("velocity", "bounded"), ("velocity", "combined"))
 """Law and control of the drives that a cell keeps, beside the driver's own."""
 
 LENGTH = 500.0
@@ -189,7 +189,7 @@ def recorded_stretches(project: Project, recording: Recording) -> list[Track]:
         raise problems[0]
     reference = None
     if references:
-        origin = json.loads(table.schema.metadata[b"origin"])
+        origin = json.loads((table.schema.metadata or {}).get(b"origin", b"null"))
         reference = read_reference(project.directory / references[recording.name][0], origin, config)
     return recorded_tracks(table, config.sync.period, reference)
 
