@@ -317,6 +317,24 @@ def test_recorded_tracks_hold_what_was_driven(simulated: tuple[pa.Table, Referen
     np.testing.assert_allclose(moved[20:], ((speed[1:] + speed[:-1]) / 2)[20:], rtol=0.05)
 
 
+class TrueLaw:
+    """How far ahead the simulated driver looks."""
+
+    def predict(self, inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return draw_campaign(5, 1, 1, 6.0).trips[0].driver.lookahead(inputs[:, 1]), np.zeros(len(inputs))
+
+
+def test_the_drivers_own_law_drives_as_the_driver_did(simulated: tuple[pa.Table, Reference, Bicycle]) -> None:
+    """But for the hands' lag, their unsteadiness and the slip of the rear axle, which this car has not."""
+    table, line, car = simulated
+    tracks = recorded_tracks(table, PERIOD, line)
+    found = measure([(track, drive_track(track, TrueLaw(), car)) for track in tracks])
+    driver = measure([(track, as_driven(track)) for track in tracks])
+    assert found["steering_error"] < 2.0
+    assert found["lookahead_error"] < 0.05
+    assert found["tracking_rms"] == pytest.approx(driver["tracking_rms"], rel=0.35)
+
+
 def test_velocity_based_law_agrees_with_the_driver_better_than_a_constant(
     simulated: tuple[pa.Table, Reference, Bicycle],
 ) -> None:

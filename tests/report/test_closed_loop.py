@@ -9,10 +9,9 @@ from typing import Any
 import pytest
 
 from wheelprint.report import closed_loop
-from wheelprint.report.blocks import Gallery, Note, Table
+from wheelprint.report.blocks import Gallery, Note, Section, Table
 from wheelprint.report.closed_loop import closed_loop_blocks, drives
 from wheelprint.report.page import render
-from wheelprint.report.sections import Section
 from wheelprint.schemas.project import Project
 
 HOSTILE = '<script>alert("x")<!--'
