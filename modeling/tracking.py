@@ -5,9 +5,10 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -53,39 +54,57 @@ def plan_tracking(
     Raises:
         InputError: Nothing was trained yet, a driver has no models, or there is no such recording.
     """
-    trained = sorted(
-        name.partition("/")[2] for name in project.manifest.get("models", {}) if name.startswith("lookahead_velocity/")
-    )
-    if not trained:
+    there = _what_there_is(project)
+    if not there.trained:
         raise InputError(project.directory, "", "no model of the lookahead distance is there; run `wheelprint train`")
-    if unknown := [driver for driver in drivers if driver not in trained]:
-        reason = f"no model of the lookahead distance was trained; there are those of {', '.join(trained)}"
+    if unknown := [driver for driver in drivers if driver not in there.trained]:
+        reason = f"no model of the lookahead distance was trained; there are those of {', '.join(there.trained)}"
         raise InputError(project.directory, ", ".join(unknown), reason)
-    recordings = {recording.key: recording for recording in project.recordings()}
-    if path not in (None, TEST_TRACK, *recordings):
-        known = ", ".join([TEST_TRACK, *recordings])
+    if path not in (None, TEST_TRACK, *there.recordings):
+        known = ", ".join([TEST_TRACK, *there.recordings])
         raise InputError(project.directory, str(path), f"no such recording, and no track; there are {known}")
-    built = {
-        f"{driver}/{output['recording']}"
-        for driver, entry in project.manifest.get("dataset", {}).items()
-        for output in entry["outputs"]
-    }
-    if path not in (None, TEST_TRACK, *built):
+    if path not in (None, TEST_TRACK, *there.built):
         reason = "the dataset holds nothing of this recording; run `wheelprint build`, or choose another one"
         raise InputError(project.directory, str(path), reason)
     tasks = []
-    for driver in drivers or trained:
-        own = [key for key, recording in recordings.items() if recording.driver == driver and key in built]
+    for driver in drivers or there.trained:
+        own = [key for key in there.built if there.recordings[key].driver == driver]
         paths = [TEST_TRACK, *own] if path is None else [path]
-        tasks += [_task(project, driver, where, recordings.get(where), offset) for where in paths]
+        tasks += [_task(project, there, driver, where, offset) for where in paths]
     return tasks
 
 
-def _task(project: Project, driver: str, path: str, recording: Recording | None, offset: float) -> Task:
-    config, manifest = project.config, project.manifest
+class _There(NamedTuple):
+    """What the tasks are planned from: the manifest, drivers with models, recordings by key, those of the dataset."""
+
+    manifest: Mapping[str, Any]
+    trained: list[str]
+    recordings: dict[str, Recording]
+    built: list[str]
+
+
+def _what_there_is(project: Project) -> _There:
+    manifest = project.manifest
+    recordings = {recording.key: recording for recording in project.recordings()}
+    models = set(manifest.get("models", {}))
+    trained = sorted(
+        driver
+        for kind, _, driver in (name.partition("/") for name in models)
+        if kind == "lookahead_velocity" and f"lookahead_general/{driver}" in models
+    )
+    dataset = {
+        f"{driver}/{output['recording']}"
+        for driver, entry in manifest.get("dataset", {}).items()
+        for output in entry["outputs"]
+    }
+    return _There(manifest, trained, recordings, [key for key in recordings if key in dataset])
+
+
+def _task(project: Project, there: _There, driver: str, path: str, offset: float) -> Task:
+    config, recording = project.config, there.recordings.get(path)
 
     def made(section: str, name: str) -> dict[str, str]:
-        return {output["path"]: output["sha256"] for output in manifest[section][name]["outputs"]}
+        return {output["path"]: output["sha256"] for output in there.manifest[section][name]["outputs"]}
 
     driven: dict[str, Any] = {}
     if recording is not None:
@@ -99,7 +118,7 @@ def _task(project: Project, driver: str, path: str, recording: Recording | None,
             "models": [made("models", f"lookahead_{kind}/{driver}") for kind in ("general", "velocity")],
             "dataset": made("dataset", driver),
             "driven": driven,
-            "calibration": manifest.get("calibration", {}).get("fingerprint"),
+            "calibration": there.manifest.get("calibration", {}).get("fingerprint"),
             "wheelbase": config.vehicle.wheelbase,
             "period": config.sync.period,
             "maximum_spread": config.lookahead.maximum_spread,
@@ -196,13 +215,16 @@ def recorded_stretches(project: Project, recording: Recording) -> list[Track]:
 
 def current_cells(project: Project) -> dict[str, Mapping[str, Any]]:
     """Return the content of the cells that are made from the models and data as they are now, by name."""
-    manifest = Manifest(project.directory)
-    found: dict[str, Mapping[str, Any]] = {}
-    for name, entry in sorted(manifest.content.get(SECTION, {}).items()):
-        try:
-            (task,) = plan_tracking(project, [entry["driver"]], entry["path"], entry["offset"])
-        except InputError:
-            continue  # Its driver or recording is gone, and so is the reason to show it.
+    manifest, found = Manifest(project.directory), {}
+    entries = sorted(manifest.content.get(SECTION, {}).items())
+    if not entries:
+        return {}
+    there = _what_there_is(project)
+    for name, entry in entries:
+        # Without its driver or recording there is no reason to show it.
+        if entry["driver"] not in there.trained or entry["path"] not in (TEST_TRACK, *there.built):
+            continue
+        task = _task(project, there, entry["driver"], entry["path"], entry["offset"])
         if manifest.is_current(SECTION, name, task.fingerprint):
             path = project.directory / entry["outputs"][0]["path"]
             found[name] = json.loads(path.read_text(encoding="utf-8"))
@@ -221,14 +243,34 @@ def gather_tracks(project: Project, tasks: Sequence[Task]) -> list[tuple[str, tu
     table.writeheader()
     table.writerows(row for cell in cells.values() for row in cell["rows"])
     publish_text(project.results_folder / "track.csv", text.getvalue())
-    heads = ("driver", "path", "law", "control", "tracking_rms", "tracking_max", "steering_rate_rms", "steering_error")
-    printed = [
-        tuple(row[name] for name in heads)
-        for task in tasks
-        for row in cells.get(task.name, {"rows": ()})["rows"]
-        if (row["law"], row["control"]) in (("driver", ""), *DRAWN)
-    ]
+    asked: dict[tuple[str, ...], list[Mapping[str, Any]]] = {}
+    for task in tasks:
+        for row in cells.get(task.name, {"rows": ()})["rows"]:
+            if (row["law"], row["control"]) in (("driver", ""), *DRAWN):
+                path = TEST_TRACK if row["path"] == TEST_TRACK else "recordings"
+                asked.setdefault((row["driver"], path, row["law"], row["control"]), []).append(row)
+    measures = ("tracking_rms", "tracking_max", "steering_rate_rms", "steering_error")
+    heads = ("driver", "path", "law", "control", *measures)
+    printed = [(*key, *(pool(rows)[name] for name in measures)) for key, rows in asked.items()]
     return [("Closed loop: m, deg/s and deg to what the driver did at the same place", heads, printed)]
+
+
+def pool(rows: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
+    """Return the measures of several paths together: means by time, rms of rms, and the largest distance."""
+
+    def mean(name: str, power: int) -> float | None:
+        known = [row for row in rows if row[name] is not None]
+        seconds = sum(row["seconds"] for row in known)
+        if not seconds:
+            return None
+        return math.pow(sum(row["seconds"] * row[name] ** power for row in known) / seconds, 1 / power)
+
+    largest = [row["tracking_max"] for row in rows if row["tracking_max"] is not None]
+    return {
+        **{name: mean(name, 2) for name in ("tracking_rms", "steering_rate_rms", "steering_change_rms")},
+        **{name: mean(name, 1) for name in ("steering_error", "lookahead_error", "taken_over")},
+        "tracking_max": max(largest, default=None),
+    }
 
 
 def _most_bent(tracks: Sequence[Track]) -> tuple[int, float, float]:

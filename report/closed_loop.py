@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..modeling.tracking import TEST_TRACK, current_cells
+from ..modeling.tracking import TEST_TRACK, current_cells, pool
 from ..schemas.project import Project
 from .blocks import Block, Cell, Column, Figure, Gallery, Note, Table
 from .figures import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, line_of, style
@@ -27,9 +27,6 @@ STYLES = {
     ("velocity", "combined"): ("velocity, combined", line_of(ORANGE, 2)),
 }
 """Law and control, as they are listed -> name and line."""
-
-QUADRATIC = ("tracking_rms", "steering_rate_rms", "steering_change_rms")
-LINEAR = ("steering_error", "lookahead_error", "taken_over")
 
 
 def closed_loop_blocks(project: Project) -> list[Block]:
@@ -94,7 +91,7 @@ def _tables(cells: Sequence[Mapping[str, Any]]) -> Iterator[Table]:
 
 def _rows(key: tuple[str, str], by_law: Mapping[tuple[str, str], Sequence[Row]], width: int) -> Iterator[list[Cell]]:
     """Return the lines of one driver and path, of each so many cells."""
-    pooled = {law: _pool(by_law[law]) for law in STYLES if law in by_law}
+    pooled = {law: pool(by_law[law]) for law in STYLES if law in by_law}
     errors = [row["steering_error"] for (_, control), row in pooled.items() if control == "pursuit"]
     nearest = min((error for error in errors if error is not None), default=math.nan)
     for law, row in pooled.items():
@@ -106,28 +103,10 @@ def _rows(key: tuple[str, str], by_law: Mapping[tuple[str, str], Sequence[Row]],
             number(row["tracking_max"], 2),
             number(row["steering_rate_rms"], 1),
             number(row["steering_change_rms"], 0),
-            number(100 * row["taken_over"] if law[1] == "combined" else None, 1),
+            number(100 * (row["taken_over"] or 0.0) if law[1] == "combined" else None, 1),
             number(row["steering_error"], 2, "best" if row["steering_error"] == nearest else ""),
             number(row["lookahead_error"], 2),
         ][:width]
-
-
-def _pool(rows: Sequence[Row]) -> Row:
-    """Return the measures over several drives together."""
-
-    def mean(name: str, power: int) -> float | None:
-        known = [row for row in rows if row[name] is not None]
-        seconds = sum(row["seconds"] for row in known)
-        if not seconds:
-            return None
-        return math.pow(sum(row["seconds"] * row[name] ** power for row in known) / seconds, 1 / power)
-
-    largest = [row["tracking_max"] for row in rows if row["tracking_max"] is not None]
-    return {
-        **{name: mean(name, 2) for name in QUADRATIC},
-        **{name: mean(name, 1) for name in LINEAR},
-        "tracking_max": max(largest, default=None),
-    }
 
 
 def drives(cell: Mapping[str, Any]) -> go.Figure:
