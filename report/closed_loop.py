@@ -148,7 +148,7 @@ def drives(cell: Mapping[str, Any]) -> go.Figure:
     figure.update_yaxes(title_text="y (north), m", scaleanchor="x", scaleratio=1, row=1, col=1)
     for row, (_, title) in enumerate(panels, start=1):
         figure.update_yaxes(title_text=title, row=row, col=2)
-        figure.update_xaxes(matches="x4", showticklabels=row == 3, row=row, col=2)
+        figure.update_xaxes(matches=None if row == 3 else "x4", showticklabels=row == 3, row=row, col=2)
     figure.update_xaxes(title_text="distance along the path, m", row=3, col=2)
     figure.update_layout(legend={"y": -0.13})
     return figure
