@@ -182,6 +182,29 @@ def evaluate(
 
 
 @app.command()
+def track(
+    project: ProjectOption = HERE,
+    driver: Annotated[
+        list[str] | None, typer.Option("--driver", help="Whose laws, may be repeated; default: everybody's.")
+    ] = None,
+    path: Annotated[
+        str | None,
+        typer.Option("--path", help="test-track, or driver/recording; default: test-track and each driver's own."),
+    ] = None,
+    offset: Annotated[
+        float, typer.Option("--offset", min=-5, max=5, help="m to the left of the path, where the car begins.")
+    ] = 0.0,
+    workers: WorkersOption = 0,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Drive PP's test track and recorded paths in closed loop with each driver's lookahead laws, into results/."""
+    _through_pipeline(
+        "track", lambda pipeline: pipeline.track(driver or (), path, offset), project, workers, force, as_json
+    )
+
+
+@app.command()
 def report(project: ProjectOption = HERE, as_json: JsonOption = False) -> None:
     """Write report/index.html: one file that opens offline."""
     _through_pipeline("report", lambda pipeline: pipeline.report(), project, 1, True, as_json)
@@ -229,7 +252,7 @@ def predict(
 def run(
     project: ProjectOption = HERE, workers: WorkersOption = 0, force: ForceOption = False, as_json: JsonOption = False
 ) -> None:
-    """Do everything, from raw logs to the report: convert, build, train, evaluate, report."""
+    """Do everything, from raw logs to the report: convert, build, train, evaluate, track, report."""
     _through_pipeline("run", lambda pipeline: pipeline.run(), project, workers, force, as_json)
 
 

@@ -122,6 +122,14 @@ class Pipeline:
             reason = f"stopped after {done} of {len(tasks)} cells; the same command goes on from there"
             self._report.problems.append(InputError(self._project.directory, name, reason))
 
+    def track(self, drivers: Sequence[str] = (), path: str | None = None, offset: float = 0.0) -> None:
+        """Models to drives in closed loop, `results/track.csv`."""
+        from .modeling.tracking import gather_tracks, plan_tracking
+
+        tasks = plan_tracking(self._project, drivers, path, offset)
+        self._stage("track", tasks, [])
+        self._report.tables += gather_tracks(self._project, tasks)
+
     def report(self) -> None:
         """Everything there is to `report/index.html`."""
         from .report.page import write_report
@@ -133,7 +141,7 @@ class Pipeline:
     def run(self) -> None:
         """All stages; a stage that finds nothing to work on ends the run, and the report is written all the same."""
         try:
-            for stage in (self.convert, self.build, self.train, self.evaluate):
+            for stage in (self.convert, self.build, self.train, self.evaluate, self.track):
                 stage()
         except InputError as error:
             if not self._entries("recordings"):

@@ -170,6 +170,7 @@ def stored_tables() -> str:
         ("`results/learning_curve.csv`", tables.LEARNING_CURVE_COLUMNS),
         ("`results/cross_driver.csv`", tables.CROSS_DRIVER_COLUMNS),
         ("`results/identification.csv`", tables.IDENTIFICATION_COLUMNS),
+        ("`results/track.csv`", tables.TRACK_COLUMNS),
     ):
         lines += [f"## {title}\n", ", ".join(f"`{column}`" for column in columns), ""]
     return "\n".join(lines).rstrip() + "\n"

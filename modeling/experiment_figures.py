@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +9,13 @@ import numpy as np
 
 from ..schemas.config import Config
 from ..schemas.tasks import Outcome
+from .bicycle import Bicycle
 from .drivers import one_thread, read_series
+from .driving import drive_track
 from .experiment_cells import FUTURE_STEPS, fit_structure, known_lookahead, publish_cell, split_windows
 from .lookahead_models import GeneralLookahead, VelocityLookahead
 from .motion_primitives import N1
+from .track import lay_track
 from .windows import Floats, Rows
 
 METHODS: dict[str, tuple[N1, int, int]] = {"proposed": (27, 1, 3), "general": (1, -1, 9)}
@@ -25,20 +27,8 @@ QUANTILES = (1.0, 0.9, 0.7, 0.4)
 TRACK_COMPONENTS, TRACK_REGRESSORS = 12, 3
 """Of the models on PP's track; PP does not say which n₂."""
 
-SLOWEST, FASTEST = 10 / 3.6, 40 / 3.6
-"""m/s, PP section IV-D."""
-
-LATERAL_ACCELERATION = 2.0
-"""m/s², by which the track's speed follows from its curvature within those limits."""
-
-STEP = 0.1
-"""s."""
-
-SPACING = 0.25
-"""m between the points of the track."""
-
-TRACK = ((40, 0), (31, 20), (25, 0), (25, -12), (20, -30), (19, 12), (30, 0), (75, 40), (12, -8), (60, 0))
-"""Length (m) and signed radius (m, 0: straight) of its pieces; PP gives none."""
+SHOWN = ("time", "distance", "x", "y", "deviation", "lookahead", "lookahead_sd")
+"""What is kept of a drive along the track, beside the angle of the road wheels."""
 
 
 def draw_situations(project: Path, driver: str, fold: int, faithful: bool, config: Config) -> Outcome:
@@ -95,8 +85,7 @@ def draw_situations(project: Path, driver: str, fold: int, faithful: bool, confi
 def follow_track(project: Path, driver: str, fold: int, faithful: bool, config: Config) -> Outcome:
     """Drive PP's test track with the lookahead distances of both models at N = 12 (Figs. 6 and 7).
 
-    The car is a kinematic bicycle without delay, steered by PP's eq. 1; the path point's course deviation is that of
-    the track at the car's speed.
+    The car is a kinematic bicycle without delay, steered by PP's eq. 1 (see `driving.drive_track`).
 
     Args:
         project: Project folder.
@@ -120,7 +109,7 @@ def follow_track(project: Path, driver: str, fold: int, faithful: bool, config: 
             VelocityLookahead(TRACK_COMPONENTS, TRACK_REGRESSORS, starts=3, seed=seed, estimate=estimate),
         ):
             model.fit(inputs[training], lookahead[training])
-            driven = drive_track(model, track, config.vehicle.wheelbase)
+            driven = drive_track(track, model, Bicycle(config.vehicle.wheelbase))
             rows.append(
                 {
                     "driver": driver,
@@ -129,73 +118,12 @@ def follow_track(project: Path, driver: str, fold: int, faithful: bool, config: 
                     "mean_deviation_m": float(np.abs(driven["deviation"]).mean()),
                     "largest_deviation_m": float(np.abs(driven["deviation"]).max()),
                     "mean_sd_m": float(driven["lookahead_sd"].mean()),
-                    **{name: np.round(values, 4).tolist() for name, values in driven.items()},
+                    **{name: np.round(driven[name], 4).tolist() for name in SHOWN},
+                    "road_wheel_angle": np.round(driven["steering_wheel_angle"], 4).tolist(),
                 }
             )
-    facts = {"track": {name: np.round(track[name], 3).tolist() for name in ("x", "y")}}
+    facts = {"track": {"x": np.round(track.x, 3).tolist(), "y": np.round(track.y, 3).tolist()}}
     return publish_cell(project, "track", driver, f"fold{fold}.json", rows, facts, faithful=faithful)
-
-
-def lay_track() -> dict[str, Floats]:
-    """Return the track's points every `SPACING` metres.
-
-    They have `x`, `y` (m), `heading` (rad), `curvature` (1/m, positive left) and `speed` (m/s), each (n_points,). The
-    speed keeps to `LATERAL_ACCELERATION` between `SLOWEST` and `FASTEST` and is averaged over 20 m.
-    """
-    curvature = np.concatenate([np.full(round(length / SPACING), 1 / r if r else 0.0) for length, r in TRACK])
-    heading = np.cumsum(curvature) * SPACING
-    fastest = np.sqrt(LATERAL_ACCELERATION / np.maximum(np.abs(curvature), 1e-6))
-    around = round(10 / SPACING)
-    padded = np.pad(np.clip(fastest, SLOWEST, FASTEST), around, mode="edge")
-    speed = np.convolve(padded, np.full(2 * around + 1, 1 / (2 * around + 1)), mode="valid")
-    return {
-        "x": np.cumsum(np.cos(heading)) * SPACING,
-        "y": np.cumsum(np.sin(heading)) * SPACING,
-        "heading": heading,
-        "curvature": curvature,
-        "speed": speed,
-    }
-
-
-def drive_track(
-    model: GeneralLookahead | VelocityLookahead, track: dict[str, Floats], wheelbase: float
-) -> dict[str, Floats]:
-    """Steer a kinematic bicycle along a track by pure pursuit (PP eq. 1) with a model's lookahead distances.
-
-    Args:
-        model: A fitted model.
-        track: See `lay_track`.
-        wheelbase: L, m.
-
-    Returns:
-        Per step of 0.1 s (n_steps,): `time` (s), `distance` along the track (m), `x`, `y` (m), `deviation` from the
-        track (m, positive left), `road_wheel_angle` (deg), `lookahead` and `lookahead_sd` (m).
-    """
-    x, y, heading = float(track["x"][0]), float(track["y"][0]), float(track["heading"][0])
-    last, near, time = len(track["x"]) - 1, 0, 0.0
-    states: list[tuple[float, ...]] = []
-    while near < last and time < 300.0:
-        ahead = slice(near, near + round(10 / SPACING))
-        near += int(np.argmin(np.hypot(track["x"][ahead] - x, track["y"][ahead] - y)))
-        course, speed = float(track["heading"][near]), float(track["speed"][near])
-        deviation = math.cos(course) * (y - track["y"][near]) - math.sin(course) * (x - track["x"][near])
-        turned = math.degrees(track["curvature"][near] * speed * STEP)
-        mean, sd = model.predict(np.array([[turned, speed]]))
-        h = max(float(mean[0]), speed * STEP)
-        far = np.hypot(track["x"][near:] - x, track["y"][near:] - y) >= h
-        if not far.any():
-            break
-        goal = near + int(np.argmax(far))
-        alpha = math.atan2(track["y"][goal] - y, track["x"][goal] - x) - heading
-        angle = math.atan(2 * math.sin(alpha) * wheelbase / h)
-        states.append((time, near * SPACING, x, y, deviation, math.degrees(angle), h, float(sd[0])))
-        turn = speed * STEP * math.tan(angle) / wheelbase
-        x += speed * STEP * math.cos(heading + turn / 2)
-        y += speed * STEP * math.sin(heading + turn / 2)
-        heading += turn
-        time += STEP
-    names = ("time", "distance", "x", "y", "deviation", "road_wheel_angle", "lookahead", "lookahead_sd")
-    return dict(zip(names, np.array(states).T, strict=True))
 
 
 def _situations(outputs: Floats, centres: Rows) -> Rows:

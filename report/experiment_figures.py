@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .figures import BLACK, BLUE, GREY, VERMILLION, _line, _style
+from .figures import BLACK, BLUE, GREY, VERMILLION, line_of, style
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -28,12 +28,12 @@ def situations(shown: Sequence[Mapping[str, Any]]) -> go.Figure:
         rows=2, cols=len(shown), row_heights=[0.3, 0.7], vertical_spacing=0.08, horizontal_spacing=0.05,
         subplot_titles=[situation["situation"] for situation in shown],
     )  # fmt: skip
-    _style(figure, 460)
+    style(figure, 460)
     for column, situation in enumerate(shown, start=1):
         first = {"showlegend": column == 1}
         figure.add_scatter(
             x=situation["time_s"], y=situation["course_deviation"], text=situation["path_type"],
-            name="course deviation", legendgroup="path", line=_line(GREY, 2),
+            name="course deviation", legendgroup="path", line=line_of(GREY, 2),
             hovertemplate="%{y:.2f}°, type %{text}<extra></extra>", row=1, col=column, **first,
         )  # fmt: skip
         ahead = situation["time_s"][1:]
@@ -45,12 +45,12 @@ def situations(shown: Sequence[Mapping[str, Any]]) -> go.Figure:
                 row=2, col=column, **first,
             )  # fmt: skip
             figure.add_scatter(
-                x=ahead, y=mean, mode="lines", name=method, legendgroup=method, line=_line(colour, 2.2, "dash"),
+                x=ahead, y=mean, mode="lines", name=method, legendgroup=method, line=line_of(colour, 2.2, "dash"),
                 row=2, col=column, **first,
             )  # fmt: skip
         figure.add_scatter(
             x=situation["time_s"], y=situation["driven"], mode="lines", name="driven", legendgroup="driven",
-            line=_line(BLACK, 2), row=2, col=column, **first,
+            line=line_of(BLACK, 2), row=2, col=column, **first,
         )  # fmt: skip
         figure.update_xaxes(title_text="time, s", row=2, col=column)
     figure.update_yaxes(title_text="Δθ, ° per 0.1 s", row=1, col=1)
@@ -85,10 +85,10 @@ def track(driven: Sequence[Mapping[str, Any]], points: Mapping[str, Any]) -> go.
     import plotly.graph_objects as go
 
     figure = go.Figure()
-    _style(figure, 420)
-    figure.add_scatter(x=points["x"], y=points["y"], mode="lines", name="track", line=_line(BLACK, 4))
+    style(figure, 420)
+    figure.add_scatter(x=points["x"], y=points["y"], mode="lines", name="track", line=line_of(BLACK, 4))
     for drive in driven:
-        line = _line(MODELS[drive["model"]], 2, "dash")
+        line = line_of(MODELS[drive["model"]], 2, "dash")
         figure.add_scatter(x=drive["x"], y=drive["y"], mode="lines", name=drive["model"], line=line)
     figure.update_xaxes(title_text="x, m")
     figure.update_yaxes(title_text="y, m", scaleanchor="x", scaleratio=1)
@@ -104,12 +104,12 @@ def along_track(driven: Sequence[Mapping[str, Any]]) -> go.Figure:
         ("deviation", "off track, m"),
     )  # fmt: skip
     figure = make_subplots(rows=len(panels), cols=1, shared_xaxes=True, vertical_spacing=0.04)
-    _style(figure, 620)
+    style(figure, 620)
     for row, (name, title) in enumerate(panels, start=1):
         for drive in driven:
             figure.add_scatter(
                 x=drive["distance"], y=drive[name], mode="lines", name=drive["model"], legendgroup=drive["model"],
-                showlegend=row == 1, line=_line(MODELS[drive["model"]], 2), row=row, col=1,
+                showlegend=row == 1, line=line_of(MODELS[drive["model"]], 2), row=row, col=1,
             )  # fmt: skip
         figure.update_yaxes(title_text=title, row=row, col=1)
     figure.update_xaxes(title_text="distance along the track, m", row=len(panels), col=1)

@@ -55,13 +55,13 @@ def alignment(
         shift: CAN stamp − UTC in this stretch, s.
     """
     figure = figure_of("time, s", "speed, km/h", height=300)
-    figure.add_scatter(x=_float32(seconds), y=_float32(3.6 * navigation), name="navigation", line=_line(BLACK, 2.5))
+    figure.add_scatter(x=_float32(seconds), y=_float32(3.6 * navigation), name="navigation", line=line_of(BLACK, 2.5))
     if before is not None:
         name = f"CAN as stamped ({shift:+.3f} s)" if after is not None else "CAN as stamped"
-        line = _line(ORANGE, 2, "dot")
+        line = line_of(ORANGE, 2, "dot")
         figure.add_scatter(x=_float32(seconds), y=_float32(3.6 * before), name=name.replace("-", "−"), line=line)
     if after is not None:
-        figure.add_scatter(x=_float32(seconds), y=_float32(3.6 * after), name="CAN aligned", line=_line(BLUE, 2))
+        figure.add_scatter(x=_float32(seconds), y=_float32(3.6 * after), name="CAN aligned", line=line_of(BLUE, 2))
     return figure
 
 
@@ -131,7 +131,7 @@ def track(
     if label is None:
         figure.add_scatter(x=east, y=north, mode="markers", showlegend=False, marker=_by_speed(speed))
     else:
-        line = _line("#AEB6BD", 1.5)
+        line = line_of("#AEB6BD", 1.5)
         figure.add_scatter(x=east, y=north, mode="lines", name="not in dataset", line=line, hoverinfo="skip")
         for value in np.unique(label[np.isfinite(label)]).astype(int).tolist():
             own = label == value
@@ -219,7 +219,7 @@ def lookahead(
             mode="lines+markers",
             name=f"{name}: median, quartiles",
             error_y={"type": "data", "symmetric": False, **bars},
-            line=_line(colour, 2),
+            line=line_of(colour, 2),
             marker={"size": 7},
         )
     figure.update_yaxes(rangemode="tozero")
@@ -232,7 +232,7 @@ def information_criterion(by_driver: Mapping[str, Sequence[Mapping[str, Any]]]) 
     for number, (driver, fits) in enumerate(by_driver.items()):
         figure.add_scatter(
             x=[fit["clusters"] for fit in fits], y=[fit["bic"] for fit in fits], mode="lines+markers",
-            name=plain(driver), line=_line(LINES[number % len(LINES)], 2),
+            name=plain(driver), line=line_of(LINES[number % len(LINES)], 2),
         )  # fmt: skip
     figure.update_xaxes(dtick=1)
     return figure
@@ -245,7 +245,7 @@ def errors_by_components(scores: Sequence[Score]) -> go.Figure:
     panels = (("mean_error", "average error, m"), ("mean_sd", "average standard deviation, m"))
     splits = (("", "test", "solid", "circle"), ("train_", "training", "dot", "square"))
     figure = make_subplots(cols=2, horizontal_spacing=0.11)
-    _style(figure, 420)
+    style(figure, 420)
     baselines = [score for score in scores if score.is_baseline]
     models = [score for score in scores if not score.is_baseline]
     components = [score.parameters["components"] for score in models] or [1]
@@ -268,7 +268,7 @@ def errors_by_components(scores: Sequence[Score]) -> go.Figure:
                     name=f"{plain(name)}: {split}",
                     legendgroup=f"{plain(name)}: {split}",
                     showlegend=column == 1,
-                    line=_line(colour, 2, dash),
+                    line=line_of(colour, 2, dash),
                     marker_symbol=symbol,
                     hovertemplate="%{y:.3g}<extra>%{fullData.name}</extra>",
                     **where,
@@ -281,7 +281,7 @@ def errors_by_components(scores: Sequence[Score]) -> go.Figure:
                 name=f"baseline {plain(score.model)}: test",
                 legendgroup=f"baseline {plain(score.model)}",
                 showlegend=column == 1,
-                line=_line(GREY, 1.8, dash),
+                line=line_of(GREY, 1.8, dash),
                 **where,
             )
     return figure
@@ -326,7 +326,7 @@ def error_over_minutes(lines: Mapping[str, Mapping[int, Sequence[float]]], title
             error_y=None if across else {"type": "data", "array": _float32([np.std(values) for values in errors])},
             mode="lines" if across else "lines+markers",
             name=plain(model),
-            line=_line(GREY if across else colour, 2, "dash" if across else "solid"),
+            line=line_of(GREY if across else colour, 2, "dash" if across else "solid"),
         )
     figure.update_xaxes(type="log", tickvals=learnt, ticktext=[str(number) for number in learnt])
     figure.update_yaxes(rangemode="tozero")
@@ -400,9 +400,9 @@ def prediction(
         )  # fmt: skip
     figure.add_scatter(
         x=_float32(np.hstack([time, apart]).ravel()), y=_float32(np.hstack([mean, apart]).ravel()), mode="lines",
-        name="predicted", line=_line(VERMILLION, 2.2, "dash"),
+        name="predicted", line=line_of(VERMILLION, 2.2, "dash"),
     )  # fmt: skip
-    figure.add_scatter(x=_float32(driven_time), y=_float32(driven), mode="lines", name="driven", line=_line(BLACK, 2))
+    figure.add_scatter(x=_float32(driven_time), y=_float32(driven), mode="lines", name="driven", line=line_of(BLACK, 2))
     for start in starts.tolist():
         figure.add_vline(x=start, line={"color": GREY, "width": 1, "dash": "dot"})
     return figure
@@ -413,13 +413,14 @@ def figure_of(x_title: str, y_title: str, height: int) -> go.Figure:
     import plotly.graph_objects as go
 
     figure = go.Figure()
-    _style(figure, height)
+    style(figure, height)
     figure.update_xaxes(title_text=x_title)
     figure.update_yaxes(title_text=y_title)
     return figure
 
 
-def _style(figure: go.Figure, height: int) -> None:
+def style(figure: go.Figure, height: int) -> None:
+    """Give a figure, all of its axes included, the style of the report and a height in pixels."""
     axis = {
         "gridcolor": "#E6EAEE", "zerolinecolor": "#C9D0D6", "linecolor": GREY, "showline": True, "ticks": "outside",
         "title": {"standoff": 8, "font": {"size": 13}},
@@ -433,7 +434,8 @@ def _style(figure: go.Figure, height: int) -> None:
     figure.update_yaxes(axis)
 
 
-def _line(colour: str, width: float, dash: str = "solid") -> dict[str, Any]:
+def line_of(colour: str, width: float, dash: str = "solid") -> dict[str, Any]:
+    """Return a line as plotly describes it; widths are in pixels."""
     return {"color": colour, "width": width, "dash": dash}
 
 

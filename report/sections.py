@@ -18,6 +18,7 @@ from ..schemas.store import read_table
 from ..schemas.tables import LOOKAHEAD_COLUMNS, MOTION_PRIMITIVE_COLUMNS
 from . import accuracy, figures, tables
 from .blocks import Block, Column, Facts, Figure, Gallery, Listing, Note, Section, Table
+from .closed_loop import closed_loop_blocks
 from .data_cards import driving_table, folds_table, road_table
 from .drives import Drive, column, describe, readable
 from .experiments import experiment_blocks
@@ -66,6 +67,7 @@ class Content:
             Section("errors", "Model errors", self._errors()),
             Section("personal", "Personal", self._guarded(personal_blocks, self.project) or []),
             Section("experiments", "The papers’ experiments", self._guarded(experiment_blocks, self.project) or []),
+            Section("closed-loop", "Closed loop", self._guarded(closed_loop_blocks, self.project) or []),
             Section("prediction", "Prediction", self._predictions()),
             Section("provenance", "Provenance", self._provenance()),
         ]

@@ -114,3 +114,8 @@ CALIBRATION_COLUMNS = (
     "driver", "model", "path_types", "past_steps", "future_steps", "components", "fold", "probability", "share",
 )  # fmt: skip
 """Share of the probability integral transforms in the bin that begins at `probability`."""
+TRACK_COLUMNS = (
+    "driver", "path", "offset", "law", "control", "tracking_rms", "tracking_95", "tracking_max", "steering_rate_rms",
+    "steering_change_rms", "steering_error", "lookahead_error", "taken_over", "distance", "seconds",
+)  # fmt: skip
+"""Drives of closed loops (`modeling/tracking.py`): m, deg/s, deg/s², deg, a share, s; empty where nobody knows."""

@@ -27,6 +27,6 @@ def test_the_page_is_what_the_code_gives(page: str) -> None:
 
 def test_every_command_says_what_it_does() -> None:
     text = reference().PAGES["commands.md"]()
-    commands = "inspect init convert build review train evaluate report export predict run simulate demo".split()
+    commands = "inspect init convert build review train evaluate track report export predict run simulate demo".split()
     assert [f"## wheelprint {name}" for name in commands] == [line for line in text.splitlines() if line[:2] == "##"]
     assert "None" not in text

@@ -9,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from ..pure_pursuit import Line, foot_point, goal_point, pursuit_angle
+
 FloatArray = npt.NDArray[np.float64]
 
 COMFORT_JERK = 4.0  # m/s³
@@ -19,14 +21,6 @@ COLUMNS = (
     "x", "y", "heading", "slip", "speed", "acceleration", "curvature", "road_wheel_angle", "road_wheel_speed",
     "pursuit_angle", "lookahead", "goal_x", "goal_y", "centre_x", "centre_y", "arc_length",
 )  # fmt: skip
-
-
-class Line(NamedTuple):
-    """Centre line, equally spaced: m (n,), and the spacing."""
-
-    x: FloatArray
-    y: FloatArray
-    step: float
 
 
 class Plan(NamedTuple):
@@ -108,22 +102,104 @@ def swerve_shape(share: float) -> float:
     return -32 * u**2 * (1 - u) ** 2 * (3 - 14 * u + 14 * u**2)
 
 
+class Reaction(NamedTuple):
+    """What the driver makes of the hazards.
+
+    Attributes:
+        mode: `FREE`, `BRAKING`, `RELEASING`, `SWERVING` or `RECOVERING`.
+        hazard: Index of the hazard that the driver reacts to, or reacted to last; -1 before the first one.
+        elapsed: s since it appeared.
+        released_at: m/s, below which the brake is released.
+    """
+
+    mode: int
+    hazard: int
+    elapsed: float
+    released_at: float
+
+
 @njit(cache=True)
-def goal_point(x: float, y: float, distance: float, line: Line, first: int) -> tuple[float, float]:
-    """Return the first point of the line at or behind sample `first` that is `distance` away from (x, y)."""
-    i = first
-    last = len(line.x) - 1
-    while i < last and math.hypot(line.x[i] - x, line.y[i] - y) < distance:
-        i += 1
-    if i == first:
-        return line.x[i], line.y[i]
-    from_x, from_y = line.x[i - 1] - x, line.y[i - 1] - y
-    along_x, along_y = line.x[i] - line.x[i - 1], line.y[i] - line.y[i - 1]
-    square = along_x**2 + along_y**2
-    half = from_x * along_x + from_y * along_y
-    root = math.sqrt(max(half**2 - square * (from_x**2 + from_y**2 - distance**2), 0.0))
-    share = min(max((root - half) / square, 0.0), 1.0)
-    return x + from_x + share * along_x, y + from_y + share * along_y
+def react(before: Reaction, hazards: Hazards, s: float, speed: float, acceleration: float) -> Reaction:
+    """Return what the driver does now that a hazard appears at arc length `s`, or has been dealt with."""
+    mode, hazard, elapsed, released_at = before
+    if mode == FREE and hazard + 1 < len(hazards.s) and s >= hazards.s[hazard + 1]:
+        hazard, elapsed = hazard + 1, 0.0
+        mode = hazards.kind[hazard]
+        released_at = hazards.extent[hazard] * speed
+    elif mode == BRAKING and speed <= released_at:
+        mode = RELEASING
+    elif mode == RELEASING and acceleration > -1.5:
+        mode = FREE
+    elif mode == SWERVING and elapsed >= hazards.extent[hazard]:
+        mode = RECOVERING
+    elif mode == RECOVERING and elapsed >= hazards.extent[hazard] + RECOVERY:
+        mode = FREE
+    return Reaction(mode, hazard, elapsed, released_at)
+
+
+@njit(cache=True)
+def planned_acceleration(
+    plan: Plan, manner: Manner, line: Line, s: float, speed: float, speed_noise: float, departed: float, stop: float
+) -> float:
+    """Return the acceleration in m/s² that follows the plan a third of a second ahead.
+
+    Args:
+        plan: What is meant to be done.
+        manner: How.
+        line: Centre line that the plan is along.
+        s: m, where the car is along it.
+        speed: m/s.
+        speed_noise: Share by which the speed is missed now.
+        departed: m, where the car last stood.
+        stop: m, where it will stand next, infinite for nowhere.
+    """
+    ahead = max(s + 0.3 * speed + 0.5, departed + 1.0)
+    place = min(int(ahead / line.step), len(line.x) - 1)
+    aim = max(plan.speed[place] * (1.0 + speed_noise), 0.8)
+    # At walking pace the car creeps up to the line, however early the braking was.
+    planned = plan.acceleration[place] if speed > 1.5 else max(plan.acceleration[place], 0.0)
+    wanted: float = min(planned + (aim - speed) / 1.5, manner.acceleration)
+    if speed < 2.0 and wanted < 0.0:
+        wanted = max(wanted, -0.4 - 0.7 * speed)
+    if stop - s < 0.3:
+        wanted = -0.4 - 0.7 * speed
+    return wanted
+
+
+@njit(cache=True)
+def brake_or_swerve(reaction: Reaction, hazards: Hazards, wanted: float) -> tuple[float, float]:
+    """Return the acceleration (m/s²) in an emergency, or as wanted in none, and the jerk (m/s³) it may come with."""
+    if reaction.mode == BRAKING:
+        return -hazards.strength[reaction.hazard], EMERGENCY_JERK
+    if reaction.mode == RELEASING:
+        return wanted, EMERGENCY_JERK
+    if reaction.mode == SWERVING:
+        return -1.5, 20.0
+    return wanted, COMFORT_JERK
+
+
+@njit(cache=True)
+def steering_rate(
+    reaction: Reaction, hazards: Hazards, chassis: Chassis, held: float, angle: float, speed: float
+) -> float:
+    """Return the rate in rad/s at which the road wheels turn to the angle that is held; in a swerve a pulse is on it.
+
+    Args:
+        reaction: What the driver does.
+        hazards: What for.
+        chassis: The car's.
+        held: rad, road wheel angle that the hands ask for.
+        angle: rad, that of the road wheels.
+        speed: m/s.
+    """
+    if speed <= 0.0:
+        return 0.0
+    target = held
+    if reaction.mode == SWERVING:
+        share = reaction.elapsed / hazards.extent[reaction.hazard]
+        lateral = hazards.strength[reaction.hazard] * swerve_shape(share)
+        target += lateral * (chassis.wheelbase + chassis.understeer_gradient * speed**2) / max(speed, 5.0) ** 2
+    return min(max((target - angle) / chassis.steering_lag, -chassis.steering_speed), chassis.steering_speed)
 
 
 @njit(cache=True)
@@ -141,62 +217,31 @@ def run(
         goal are NaN while the driver does not pursue: at standstill and in a swerve; and (n_samples,) the index of the
         hazard that the driver reacts to, -1 for none.
     """
-    n = len(manner.noise)
-    last = len(line.x) - 1
+    n, stops = len(manner.noise), len(plan.stop)
     states = np.empty((n, len(COLUMNS)))
     reactions = np.full(n, -1)
-    foot = 0
-    x, y = line.x[0], line.y[0]
+    foot, next_stop, x, y = 0, 0, line.x[0], line.y[0]
     heading = math.atan2(line.y[1] - y, line.x[1] - x)
-    speed = acceleration = angle = smoothed = 0.0
-    curvature = slip = 0.0
-    standing = 3.0
-    next_stop = next_hazard = 0
-    departed = -1.0
-    mode, reaction, elapsed, released_at = FREE, -1, 0.0, 0.0
+    speed = acceleration = angle = smoothed = curvature = slip = 0.0
+    standing, departed = 3.0, -1.0
+    reaction = Reaction(FREE, -1, 0.0, 0.0)
     for k in range(n):
-        # Where the car is along the centre line.
-        while True:
-            along_x, along_y = line.x[foot + 1] - line.x[foot], line.y[foot + 1] - line.y[foot]
-            share = ((x - line.x[foot]) * along_x + (y - line.y[foot]) * along_y) / (along_x**2 + along_y**2)
-            if share < 1.0 or foot + 2 > last:
-                break
-            foot += 1
-        share = min(max(share, 0.0), 1.0)
-        centre_x, centre_y = line.x[foot] + share * along_x, line.y[foot] + share * along_y
+        foot, share = foot_point(x, y, line, foot)
+        centre_x = line.x[foot] + share * (line.x[foot + 1] - line.x[foot])
+        centre_y = line.y[foot] + share * (line.y[foot + 1] - line.y[foot])
         s = (foot + share) * line.step
-
-        # A hazard appears, or has been dealt with.
-        if mode == FREE and next_hazard < len(hazards.s) and s >= hazards.s[next_hazard]:
-            reaction, elapsed = next_hazard, 0.0
-            next_hazard += 1
-            mode = hazards.kind[reaction]
-            released_at = hazards.extent[reaction] * speed
-        elif mode == BRAKING and speed <= released_at:
-            mode = RELEASING
-        elif mode == RELEASING and acceleration > -1.5:
-            mode = FREE
-        elif mode == SWERVING and elapsed >= hazards.extent[reaction]:
-            mode = RECOVERING
-        elif mode == RECOVERING and elapsed >= hazards.extent[reaction] + RECOVERY:
-            mode = FREE
+        reaction = react(reaction, hazards, s, speed, acceleration)
+        mode = reaction.mode
         if mode != FREE:
-            reactions[k] = reaction
-            elapsed += period
+            reactions[k] = reaction.hazard
+            reaction = Reaction(mode, reaction.hazard, reaction.elapsed + period, reaction.released_at)
 
-        # Steering: PP eq. 1 towards the goal point on the centre line; in a swerve a pulse on top of what was before.
+        # Steering: PP eq. 1 towards the goal point on the centre line.
         lookahead = manner.lookahead_base + manner.lookahead_time * speed
         lookahead = min(max(lookahead, manner.lookahead_minimum), manner.lookahead_maximum)
         goal_x, goal_y = goal_point(x, y, lookahead, line, foot)
-        bearing = math.atan2(goal_y - y, goal_x - x) - heading
-        pursuit = math.atan(2 * chassis.wheelbase * math.sin(bearing) / lookahead)
-        target = smoothed
-        if mode == SWERVING:
-            lateral = hazards.strength[reaction] * swerve_shape(elapsed / hazards.extent[reaction])
-            target += lateral * (chassis.wheelbase + chassis.understeer_gradient * speed**2) / max(speed, 5.0) ** 2
-        rate = 0.0
-        if speed > 0.0:
-            rate = min(max((target - angle) / chassis.steering_lag, -chassis.steering_speed), chassis.steering_speed)
+        pursuit = pursuit_angle(x, y, heading, goal_x, goal_y, lookahead, chassis.wheelbase)
+        rate = steering_rate(reaction, hazards, chassis, smoothed, angle, speed)
 
         states[k, 0], states[k, 1], states[k, 2], states[k, 3] = x, y, heading, slip
         states[k, 4], states[k, 5], states[k, 6] = speed, acceleration, curvature
@@ -206,42 +251,24 @@ def run(
             states[k, 9], states[k, 10], states[k, 11], states[k, 12] = pursuit, lookahead, goal_x, goal_y
         states[k, 13], states[k, 14], states[k, 15] = centre_x, centre_y, s
 
-        # Pedals: follow the plan a third of a second ahead; wait at stops; brake for hazards.
-        jerk = COMFORT_JERK
+        # Pedals: wait at stops, follow the plan, brake for hazards.
+        wanted = 0.0
         if standing > 0.0:
-            wanted = 0.0
-            standing -= period
-            departed = s
+            standing, departed = standing - period, s
         else:
-            ahead = max(s + 0.3 * speed + 0.5, departed + 1.0)
-            place = min(int(ahead / line.step), last)
-            aim = max(plan.speed[place] * (1.0 + manner.speed_noise[k]), 0.8)
-            # At walking pace the car creeps up to the line, however early the braking was.
-            planned = plan.acceleration[place] if speed > 1.5 else max(plan.acceleration[place], 0.0)
-            wanted = min(planned + (aim - speed) / 1.5, manner.acceleration)
-            if speed < 2.0 and wanted < 0.0:
-                wanted = max(wanted, -0.4 - 0.7 * speed)
-            if next_stop < len(plan.stop) and plan.stop[next_stop] - s < 0.3:
-                wanted = -0.4 - 0.7 * speed
-        if mode == BRAKING:
-            wanted, jerk = -hazards.strength[reaction], EMERGENCY_JERK
-        elif mode == RELEASING:
-            jerk = EMERGENCY_JERK
-        elif mode == SWERVING:
-            wanted = -1.5
-            jerk = 20.0
+            stop = plan.stop[next_stop] if next_stop < stops else np.inf
+            wanted = planned_acceleration(plan, manner, line, s, speed, manner.speed_noise[k], departed, stop)
+        wanted, jerk = brake_or_swerve(reaction, hazards, wanted)
         wanted = min(max(wanted, -chassis.deceleration), chassis.acceleration)
 
         # One step on.
-        step = min(max(wanted - acceleration, -jerk * period), jerk * period)
-        next_acceleration = acceleration + step
+        next_acceleration = acceleration + min(max(wanted - acceleration, -jerk * period), jerk * period)
         next_speed = speed + period * (acceleration + next_acceleration) / 2
         if standing > 0.0 or next_speed <= 0.0:
             next_speed = next_acceleration = 0.0
-            if standing <= 0.0 and next_stop < len(plan.stop) and plan.stop[next_stop] - s < 5.0:
-                standing = plan.standstill[next_stop]
+            if standing <= 0.0 and next_stop < stops and plan.stop[next_stop] - s < 5.0:
+                standing, departed = plan.standstill[next_stop], s
                 next_stop += 1
-                departed = s
         if mode != SWERVING and speed > 0.0:
             # After a swerve the driver takes hold of the lane again by and by.
             time = manner.smoothing if mode != RECOVERING else 3 * manner.smoothing
@@ -252,8 +279,7 @@ def run(
         next_heading = heading + period * (speed * curvature + next_speed * next_curvature) / 2
         course = (heading + slip + next_heading + next_slip) / 2
         distance = period * (speed + next_speed) / 2
-        x += distance * math.cos(course)
-        y += distance * math.sin(course)
-        heading, slip, speed, acceleration = next_heading, next_slip, next_speed, next_acceleration
-        curvature = next_curvature
+        x, y = x + distance * math.cos(course), y + distance * math.sin(course)
+        heading, slip, curvature = next_heading, next_slip, next_curvature
+        speed, acceleration = next_speed, next_acceleration
     return states, reactions

@@ -269,7 +269,8 @@ def drive(
     Returns:
         `duration` × `RATE` samples.
     """
-    from .closed_loop import BRAKING, COLUMNS, SWERVING, Chassis, Hazards, Line, Manner, Plan, run
+    from ..pure_pursuit import Line
+    from .closed_loop import BRAKING, COLUMNS, SWERVING, Chassis, Hazards, Manner, Plan, run
 
     samples = round(duration * RATE)
     steering_noise = np.radians(driver.steering_noise / car.steering_ratio)

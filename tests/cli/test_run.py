@@ -14,7 +14,7 @@ import pytest
 
 from wheelprint import Project
 from wheelprint.modeling.simulation.campaign import draw_campaign, simulate
-from wheelprint.schemas.tables import EVENT_COLUMNS, LOOKAHEAD_COLUMNS, MOTION_PRIMITIVE_COLUMNS
+from wheelprint.schemas.tables import EVENT_COLUMNS, LOOKAHEAD_COLUMNS, MOTION_PRIMITIVE_COLUMNS, TRACK_COLUMNS
 
 Command = Callable[..., Any]
 SETTINGS = """
@@ -74,7 +74,8 @@ def test_every_file_of_the_design_is_there(ran: Path) -> None:
     one = "driver=driver01/recording=drive01"
     for name in (
         "manifest.json", "events.csv", f"signals/{one}/can.log.STEER.parquet", f"synced/{one}/part-0.parquet",
-        f"dataset/{one}/part-0.parquet", "results/lookahead.csv", "results/motion_primitives.csv", "report/index.html",
+        f"dataset/{one}/part-0.parquet", "results/lookahead.csv", "results/motion_primitives.csv", "results/track.csv",
+        "report/index.html",
     ):  # fmt: skip
         assert (ran / name).is_file(), name
     assert {folder.name for folder in (ran / "models").iterdir()} == {
@@ -134,6 +135,25 @@ def test_nothing_is_done_again(ran: Path, tmp_path: Path, wheelprint: Command) -
     assert decided.content["stages"]["build"]["done"]
     before, after = (Project(folder).manifest["dataset"]["driver01"]["driven_s"] for folder in (ran, project))
     assert after > before
+
+
+def test_track(ran: Path, tmp_path: Path, wheelprint: Command) -> None:
+    project = tmp_path / "project"
+    shutil.copytree(ran, project, copy_function=shutil.copy2)
+    before = rows(project / "results" / "track.csv")
+    assert tuple(before[0]) == TRACK_COLUMNS
+    assert {row["path"] for row in before} == {"test-track", "driver01/drive01"}
+    off = wheelprint("track", "--project", project, "--driver", "driver01", "--path", "test-track", "--offset", "2")
+    assert off.status == 0
+    assert off.content["stages"]["track"]["done"] == ["driver01/test-track/+2 m"]
+    after = rows(project / "results" / "track.csv")
+    assert [row for row in after if row["offset"] == "0.0"] == before
+    assert {row["path"] for row in after if row["offset"] == "2.0"} == {"test-track"}
+    refused = wheelprint("track", "--project", project, "--driver", "driver02")
+    assert refused.status == 1
+    assert refused.problems == [
+        f"{project}: driver02: no model of the lookahead distance was trained; there are those of driver01"
+    ]
 
 
 def test_predict_and_export(ran: Path, tmp_path: Path, wheelprint: Command) -> None:

@@ -18,7 +18,6 @@ from wheelprint.cli import app
 from wheelprint.modeling import cells, experiment_cells, experiment_figures, experiments
 from wheelprint.modeling.drivers import read_series
 from wheelprint.modeling.experiment_cells import fit_apart
-from wheelprint.modeling.experiment_figures import drive_track, lay_track
 from wheelprint.modeling.experiments import Experiment, gather_experiment, plan_experiment
 from wheelprint.schemas.errors import InputError
 from wheelprint.schemas.project import Project
@@ -33,11 +32,9 @@ SMALL: dict[str, Any] = {
     "PP_COMPONENTS": (12,),
     "REGRESSORS": (None, 3),
     "REPEATS": 2,
-    "TRACK": ((40, 0), (31, 20)),
     "METHODS": {"proposed": (27, 1, 2), "general": (1, -1, 2)},
 }
-"""Grids and a track that take seconds."""
-WHOLE_TRACK = experiment_figures.TRACK
+"""Grids that take seconds."""
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -337,28 +334,6 @@ def test_the_project_file_may_ask_for_faithful(own_project: Project, monkeypatch
     assert CliRunner().invoke(app, command, catch_exceptions=False).exit_code == 3
     assert (own_project.results_folder / "experiments" / "faithful" / "lookahead.csv").is_file()
     assert not (own_project.results_folder / "experiments" / "lookahead.csv").exists()
-
-
-class Constant:
-    """A lookahead distance that is always the same."""
-
-    def predict(self, inputs: Any) -> tuple[Any, Any]:
-        return np.full(len(inputs), 6.0), np.full(len(inputs), 0.5)
-
-
-def test_a_sensible_lookahead_distance_keeps_to_the_track(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(experiment_figures, "TRACK", WHOLE_TRACK)
-    track = lay_track()
-    assert track["speed"].min() >= 10 / 3.6
-    assert track["speed"].max() <= 40 / 3.6
-    spacing = np.hypot(np.diff(track["x"]), np.diff(track["y"]))
-    np.testing.assert_allclose(spacing, experiment_figures.SPACING)
-    driven = drive_track(Constant(), track, wheelbase=2.8)  # type: ignore[arg-type]  # it predicts as they do
-    assert driven["distance"][-1] > 0.95 * len(track["x"]) * experiment_figures.SPACING
-    assert np.abs(driven["deviation"]).max() < 1.0
-    # In the long curve of 40 m the steady angle is that of its curvature.
-    middle = (driven["distance"] > 240) & (driven["distance"] < 255)
-    np.testing.assert_allclose(np.radians(driven["road_wheel_angle"][middle]), np.arctan(2.8 / 40), rtol=0.05)
 
 
 def test_situations_do_not_overlap_and_differ_in_steering(done: Project) -> None:

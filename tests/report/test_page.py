@@ -19,7 +19,7 @@ from wheelprint.schemas.project import Project
 
 SECTIONS = [
     "summary", "recordings", "alignment", "events", "dataset", "maps", "lookahead", "clusters", "errors", "personal",
-    "experiments", "prediction", "provenance",
+    "experiments", "closed-loop", "prediction", "provenance",
 ]  # fmt: skip
 VOID = {"meta", "link", "br", "img", "input", "hr"}
 HOSTILE = '<script>alert("x")<!--'

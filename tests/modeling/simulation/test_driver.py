@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
 
+from wheelprint.modeling.pure_pursuit import Line, goal_point
 from wheelprint.modeling.simulation.car import Car
-from wheelprint.modeling.simulation.closed_loop import Line, goal_point, swerve_shape
+from wheelprint.modeling.simulation.closed_loop import swerve_shape
 from wheelprint.modeling.simulation.driver import Driver, Emergency, coloured_noise, drive, intend, plan_speed
 from wheelprint.modeling.simulation.road import STEP, Road, generate_road
 
