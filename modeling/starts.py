@@ -94,7 +94,8 @@ def k_means(
     def distances_to(points: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.floating[Any]]:
         """Return squared distances of all rows (n, points), rounded but never negative."""
         of_points = np.einsum("ij,ij->i", points, points)
-        return np.maximum(squares[:, None] - 2.0 * rows @ points.T + of_points, 0.0)
+        distances: npt.NDArray[np.floating[Any]] = squares[:, None] - 2.0 * rows @ points.T + of_points
+        return np.maximum(distances, 0.0, out=distances)
 
     centres = rows[[generator.choice(len(rows), p=weights / weights.sum())]]
     nearest = distances_to(centres)[:, 0]
