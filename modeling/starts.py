@@ -95,7 +95,8 @@ def k_means(
         """Return squared distances of all rows (n, points), rounded but never negative."""
         of_points = np.einsum("ij,ij->i", points, points)
         distances: npt.NDArray[np.floating[Any]] = squares[:, None] - 2.0 * rows @ points.T + of_points
-        return np.maximum(distances, 0.0, out=distances)
+        np.maximum(distances, 0.0, out=distances)
+        return distances
 
     centres = rows[[generator.choice(len(rows), p=weights / weights.sum())]]
     nearest = distances_to(centres)[:, 0]
