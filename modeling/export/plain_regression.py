@@ -10,6 +10,7 @@ from typing import Self
 import numpy as np
 
 from ..estimator import FloatArray, as_array
+from ..input_order import telling_first
 from ..lookahead_models import SPEED, VelocityLookahead
 from ..mixture import GaussianMixture
 from ..regression import MixtureRegression
@@ -88,7 +89,7 @@ class PlainRegression:
         n = regressions[0].n_features_in_
         inputs, outputs = np.split(means, [n], axis=1)
         origin = np.average(inputs, axis=0, weights=weights)
-        order = _telling_first(covariances[:, :n, :n])
+        order = telling_first(covariances[:, :n, :n])
         whitening = np.tril(np.linalg.inv(np.linalg.cholesky(covariances[:, order[:, None], order])))
         shifts = np.einsum("kij,kj->ki", whitening, (origin - inputs)[:, order])
         log_determinants = -np.log(np.diagonal(whitening, axis1=1, axis2=2)).sum(axis=1)
@@ -148,28 +149,6 @@ def domain_score(model: MixtureRegression | VelocityLookahead, inputs: FloatArra
         own = own_class == number
         score[own] = model.regressions[number].domain_score(rows[own])
     return score
-
-
-def _telling_first(covariances: FloatArray) -> Rows:
-    """Return the inputs in an order in which a few of them nearly say how probable each component is.
-
-    One after the other that input is taken whose variances, given those taken before, differ most among the
-    components: log of their mean above the mean of their logs.
-
-    Args:
-        covariances: Of the inputs (k, n, n).
-    """
-    left = covariances.copy()
-    order: list[int] = []
-    remaining = np.arange(covariances.shape[1])
-    while len(remaining):
-        variances = np.maximum(np.diagonal(left, axis1=1, axis2=2)[:, remaining], np.finfo(np.float64).tiny)
-        differs = np.log(variances.mean(axis=0)) - np.log(variances).mean(axis=0)
-        best = int(remaining[np.argmax(np.round(differs, 9))])
-        order.append(best)
-        remaining = remaining[remaining != best]
-        left -= left[:, :, [best]] * left[:, [best], :] / left[:, [best]][:, :, [best]]
-    return np.array(order, dtype=np.intp)
 
 
 def _speed_classes(regressions: Sequence[MixtureRegression], classes: GaussianMixture) -> SpeedClasses:
