@@ -153,4 +153,4 @@ def predict_row(
             sd[j] -= mean[j] * mean[j]
         sd[j] = math.sqrt(sd[j])
         mean[j] += about[j]
-    return score
+    return float(score)

@@ -63,6 +63,7 @@ class MixtureRegression(Estimator):
     matrices_: FloatArray
     conditional_covariances_: FloatArray
     n_outputs_: int
+    _row: OneRow | None
 
     def __init__(
         self,
@@ -230,9 +231,9 @@ class MixtureRegression(Estimator):
         from .one_row import predict_row
 
         mean, sd = np.empty((2, self.n_outputs_))
-        if self._one_row is None:
-            self._one_row = self._prepare_one_row()
-        return mean, sd, predict_row(x, *self._one_row, mean, sd)
+        if self._row is None:
+            self._row = self._prepare_row()
+        return mean, sd, float(predict_row(x, *self._row, mean, sd))
 
     def _mean_and_sd(self, rows: Rows, *, single: bool) -> tuple[FloatArray, FloatArray]:
         from .conditional import predict_rows
@@ -340,7 +341,7 @@ class MixtureRegression(Estimator):
         self._conditional_variances = np.diagonal(self.conditional_covariances_, axis1=1, axis2=2).copy()
         self._gains = gains
         self._prepared: dict[np.dtype[Any], Conditional] = {}
-        self._one_row: OneRow | None = None
+        self._row = None
 
     def _conditional(self, precision: npt.DTypeLike) -> Conditional:
         """Return what predictions in a precision need, computed once."""
@@ -362,7 +363,7 @@ class MixtureRegression(Estimator):
             )
         return self._prepared[kind]
 
-    def _prepare_one_row(self) -> OneRow:
+    def _prepare_row(self) -> OneRow:
         """Return what the prediction of one row needs."""
         from .one_row import OneRow
 

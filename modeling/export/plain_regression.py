@@ -9,6 +9,8 @@ from typing import Self
 
 import numpy as np
 
+from ..calibration import Calibration
+from ..curvature import CurvatureCoordinates
 from ..estimator import FloatArray, as_array
 from ..input_order import telling_first
 from ..lookahead_models import SPEED, VelocityLookahead
@@ -48,6 +50,10 @@ class PlainRegression:
 
     With classes of speed only the components of the class at hand take part; the others count as j_k = −∞.
 
+    With curvature coordinates x is what they make of the given window (`curvature.CurvatureCoordinates.transform`), and
+    the mean is the change from the angle given last, which is added to it. Where the bands were calibrated, variances
+    are multiplied by `variance_factors` f_i, and covariances by √(f_i f_j).
+
     Attributes:
         order: In which the inputs are whitened (n,): those first that tell components apart.
         origin: About the middle of the inputs (n,): numbers stay small where a program computes in float32.
@@ -58,8 +64,10 @@ class PlainRegression:
         matrices: A (k, m, n).
         offsets: o (k, m).
         covariances: C (k, m, m).
+        variance_factors: f (m,), 1 without calibration.
         faithful: See above.
         classes: See above.
+        coordinates: See above; None: x is what is given.
     """
 
     order: Rows
@@ -71,16 +79,27 @@ class PlainRegression:
     matrices: FloatArray
     offsets: FloatArray
     covariances: FloatArray
+    variance_factors: FloatArray
     faithful: bool = False
     classes: SpeedClasses | None = None
+    coordinates: CurvatureCoordinates | None = None
 
     @classmethod
-    def of(cls, regressions: Sequence[MixtureRegression], classes: GaussianMixture | None = None) -> Self:
+    def of(
+        cls,
+        regressions: Sequence[MixtureRegression],
+        classes: GaussianMixture | None = None,
+        *,
+        coordinates: CurvatureCoordinates | None = None,
+        calibration: Calibration | None = None,
+    ) -> Self:
         """Take a regression, or one for each class of speed, apart.
 
         Args:
             regressions: One; with `classes` as many as it has components, in their order.
             classes: Mixture of the speed, the input column `lookahead_models.SPEED`.
+            coordinates: What the regression's inputs are made by.
+            calibration: Of its bands.
         """
         weights = np.concatenate([one.mixture_.weights_ for one in regressions])
         means = np.concatenate([one.mixture_.means_ for one in regressions])
@@ -103,8 +122,12 @@ class PlainRegression:
             matrices=matrices,
             offsets=outputs + np.einsum("kij,kj->ki", matrices, origin - inputs),
             covariances=np.concatenate([one.conditional_covariances_ for one in regressions]),
+            variance_factors=(calibration or Calibration.gaussian(outputs.shape[1])).variance(
+                np.ones(outputs.shape[1])
+            ),
             faithful=regressions[0].faithful,
             classes=None if classes is None else _speed_classes(regressions, classes),
+            coordinates=coordinates,
         )
 
     @property
@@ -114,8 +137,13 @@ class PlainRegression:
 
     @property
     def inputs(self) -> int:
-        """Number n of inputs."""
+        """Number n of inputs of the regression."""
         return len(self.origin)
+
+    @property
+    def given(self) -> int:
+        """Number of inputs that a program gives: those of the regression, or of the window they are made from."""
+        return self.inputs if self.coordinates is None else self.coordinates.window_inputs
 
     @property
     def outputs(self) -> int:
