@@ -17,6 +17,8 @@ from ...schemas.store import publish, publish_json
 from ..estimator import FloatArray
 from ..lookahead_models import GeneralLookahead, VelocityLookahead
 from ..motion_primitives import EVERYTHING, MotionPrimitives
+from ..personal_models import KINDS as PERSONAL
+from ..personal_models import PersonalModel
 from ..predict import MODEL, SteeringModel
 from ..regression import MixtureRegression
 from ..storage import GOLDEN, load_model
@@ -106,7 +108,7 @@ def exported_regressions(model: Any, inputs: FloatArray) -> list[ExportedRegress
     """Return the regressions of a trained model of any kind in `KINDS`.
 
     Args:
-        model: Motion primitives, or a model of the lookahead distance.
+        model: Motion primitives, a model of the lookahead distance, or a personal model.
         inputs: Golden inputs (n_rows, n_inputs).
     """
     if isinstance(model, SteeringModel):
@@ -120,13 +122,15 @@ def exported_regressions(model: Any, inputs: FloatArray) -> list[ExportedRegress
 
 def input_channels(model: Any) -> list[dict[str, Any]]:
     """Return what each input column is: name, unit and, of a window, its step from the present one."""
-    if not isinstance(model, SteeringModel):
+    window = model.window if isinstance(model, SteeringModel | PersonalModel) else None
+    if window is None:
         return [{"name": "course_deviation", "unit": "deg per sample"}, {"name": "speed", "unit": "m/s"}]
-    path = range(-max(model.past_steps, 0), model.future_steps + 1)
+    past_steps, future_steps = window
+    path = range(-max(past_steps, 0), future_steps + 1)
     blocks = (
         ("course_deviation", "deg per sample", path),
         ("speed", "m/s", path),
-        ("steering_wheel_angle", "deg", range(-model.past_steps, 1)),
+        ("steering_wheel_angle", "deg", range(-past_steps, 1)),
     )
     return [{"name": name, "unit": unit, "step": step} for name, unit, steps in blocks for step in steps]
 
@@ -219,4 +223,5 @@ KINDS: Mapping[str, tuple[Callable[..., Any], Callable[..., tuple[NDArray[Any], 
     MODEL: (SteeringModel.from_arrays, SteeringModel.predict),
     "lookahead_general": (GeneralLookahead.from_arrays, GeneralLookahead.predict),
     "lookahead_velocity": (VelocityLookahead.from_arrays, VelocityLookahead.predict),
+    **dict.fromkeys(PERSONAL, (PersonalModel.from_arrays, PersonalModel.predict)),
 }
