@@ -16,6 +16,7 @@ from ..schemas.store import describe_output, fingerprint
 from ..schemas.tasks import Outcome, Task
 from .drivers import modelled_drivers, one_thread, read_recording, read_series
 from .estimator import FloatArray
+from .motion_primitives import TOLERANCE
 from .online import OnlineMixture
 from .personal import QUANTITIES, Quantity, Samples, fit_own, personalise, samples_needed, take_samples
 from .personal_models import PersonalModel, window_of
@@ -254,10 +255,14 @@ def continue_learning(
 
 def _begin(samples: Samples, quantity: Quantity, config: Config) -> OnlineMixture:
     settings = config.models.personal
+    components, tolerance = settings.lookahead_components, 1e-5
+    if quantity == "steering":
+        components, tolerance = settings.components, TOLERANCE
     return OnlineMixture.begin(
         samples.joint,
-        settings.components if quantity == "steering" else settings.lookahead_components,
+        components,
         exponent=settings.online_exponent,
+        tolerance=tolerance,
         random_state=config.models.seed,
     )
 

@@ -104,8 +104,8 @@ class MixtureRegression(Estimator):
 
         Args:
             mixture: A fitted mixture, or one of given arrays (`GaussianMixture.from_parameters`).
-            inputs: Its columns that are x, in the order that `predict` takes them.
-            outputs: Its columns that are y; columns in neither are marginalised.
+            inputs: Its columns that are x (n_inputs,), in the order that `predict` takes them.
+            outputs: Its columns that are y (n_outputs,); columns in neither are marginalised.
             faithful: As in the constructor.
             single_output: Predict arrays of shape (n_samples,), as after `fit` with a y of that shape.
 
@@ -312,7 +312,12 @@ class MixtureRegression(Estimator):
         return self.mixture_.score_samples(np.concatenate([rows, targets], axis=1)) - self.domain_score(rows)
 
     def score(self, X: npt.ArrayLike, y: npt.ArrayLike) -> float:
-        """Return the coefficient of determination R², averaged over the outputs: 1 is perfect, 0 is the mean of y."""
+        """Return the coefficient of determination R² = 1 − Σ (y − ŷ)² / Σ (y − ȳ)², averaged over the outputs.
+
+        Args:
+            X: Inputs, shape (n_samples, n_inputs).
+            y: What happened, shape (n_samples, n_outputs) or (n_samples,).
+        """
         mean = self.predict(X).reshape(-1, self.n_outputs_)
         targets = np.asarray(y, dtype=np.float64).reshape(mean.shape)
         residual = np.square(targets - mean).sum(axis=0)

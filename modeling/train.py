@@ -220,7 +220,7 @@ def _save(
 
 
 def spread_out(samples: int) -> NDArray[np.intp]:
-    """Return a few of the samples, from the first to the last."""
+    """Return `GOLDEN_ROWS` of the samples or fewer, from the first to the last (n_chosen,)."""
     return np.unique(np.linspace(0, samples - 1, GOLDEN_ROWS).astype(np.intp))
 
 
