@@ -21,7 +21,7 @@ from .online import OnlineMixture
 from .personal import QUANTITIES, Quantity, Samples, fit_own, personalise, samples_needed, take_samples
 from .personal_models import PersonalModel, window_of
 from .storage import CARD, FORMAT, Golden, load_model, save_model
-from .train import spread_out
+from .train import golden_rows
 from .windows import Series
 
 POPULATION = "population"
@@ -285,7 +285,7 @@ def _publish(
     facts: Mapping[str, Any],
 ) -> Outcome:
     """Publish a model with its card; `inputs` (n_samples, n_inputs) are those that golden vectors are taken from."""
-    golden = inputs[spread_out(len(inputs))]
+    golden = inputs[golden_rows(len(inputs))]
     quantity: Quantity = "steering" if model.window is not None else "lookahead"
     units, unit = UNITS[quantity]
     card = {
