@@ -14,8 +14,8 @@ import wheelprint.modeling
 FOLDER = Path(wheelprint.modeling.__file__).parent
 FILES = sorted(FOLDER.rglob("*.py"))
 
-OPEN = {"Sample.weights_of", "variances_of", "buffers_of"}
-"""Still without a shape: weights of n rows (n,), variances (d,), `inverses` (k, d, d)."""
+OPEN = {"Sample.weights_of", "variances_of", "component_moments", "buffers_of"}
+"""Still without a shape: weights of n rows (n,), variances (d,), rows (n, d), `inverses` (k, d, d)."""
 
 ARRAY = re.compile(r"NDArray|ArrayLike|\b(?:FloatArray|Floats|Rows|Mask|Labels|Indices|Counts)\b")
 BY_NAME = re.compile(r"(?:Mapping|dict)\[str, ")
