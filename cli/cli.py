@@ -145,10 +145,28 @@ def review(
 
 @app.command()
 def train(
-    project: ProjectOption = HERE, workers: WorkersOption = 0, force: ForceOption = False, as_json: JsonOption = False
+    project: ProjectOption = HERE,
+    go_on: Annotated[
+        bool,
+        typer.Option(
+            "--continue",
+            help="Instead, let the models online_steering and online_lookahead learn the recordings that are new, one "
+            "by one; with --force they begin anew.",
+        ),
+    ] = False,
+    workers: WorkersOption = 0,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Train every driver's models on all of the driver's data."""
-    _through_pipeline("train", lambda pipeline: pipeline.train(), project, workers, force, as_json)
+
+    def stages(pipeline: Pipeline) -> None:
+        if go_on:
+            pipeline.continue_training()
+        else:
+            pipeline.train()
+
+    _through_pipeline("train", stages, project, workers, force, as_json)
 
 
 @app.command()

@@ -91,9 +91,19 @@ class Pipeline:
 
     def train(self) -> None:
         """Dataset to `models/`."""
+        from .modeling.personal_training import plan_adaptation, plan_population
         from .modeling.train import plan_training
 
         self._stage("train", *plan_training(self._project))
+        if population := plan_population(self._project):
+            self._stage("train the population", population, [])
+            self._stage("adapt", plan_adaptation(self._project), [])
+
+    def continue_training(self) -> None:
+        """New recordings of the dataset to the models in `models/` that go on learning."""
+        from .modeling.personal_training import plan_continuation
+
+        self._stage("continue training", *plan_continuation(self._project, anew=self._force))
 
     def evaluate(self) -> None:
         """Dataset to `results/`."""

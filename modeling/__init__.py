@@ -9,8 +9,9 @@ if TYPE_CHECKING:
     from .mixture import GaussianMixture
     from .predictor import PathAhead, Predictor, Sample
     from .regression import MixtureRegression
+    from .selection import select_components
 
-__all__ = ["GaussianMixture", "MixtureRegression", "PathAhead", "Predictor", "Sample"]
+__all__ = ["GaussianMixture", "MixtureRegression", "PathAhead", "Predictor", "Sample", "select_components"]
 
 _PLACES = {
     "GaussianMixture": "mixture",
@@ -18,6 +19,7 @@ _PLACES = {
     "PathAhead": "predictor",
     "Predictor": "predictor",
     "Sample": "predictor",
+    "select_components": "selection",
 }
 
 

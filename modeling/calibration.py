@@ -67,13 +67,13 @@ class Calibration:
     def crps(self, errors: Floats, sd: Floats, probability: Floats | None = None) -> Floats:
         """Return the continuous ranked probability score in the unit of the errors (n_samples, n_steps).
 
-        Args:
-            errors: What happened minus the predicted mean (n_samples, n_steps).
-            sd: Standard deviations that the model stated, likewise.
-            probability: What `probability` says of them, where that is known already.
-
         That is ∫ (F(y) − [y ≥ x])² dy in closed form: Gneiting and Raftery (2007) for the Gaussian, Jordan, Krüger and
         Lerch (2019) for Student's t. A forecast of one value without spread has its absolute error.
+
+        Args:
+            errors: What happened minus the predicted mean (n_samples, n_steps).
+            sd: Standard deviations that the model stated, like `errors`.
+            probability: What `probability` says of them, like `errors`, where that is known already.
         """
         from scipy.special import beta
 

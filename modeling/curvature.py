@@ -92,6 +92,21 @@ class CurvatureCoordinates:
             row, column = own.stop, column + rank
         return cls(past_steps, future_steps, step, mean, basis)
 
+    @property
+    def path_length(self) -> int:
+        """Samples of a window's path, p + 1 + n₃."""
+        return max(self.past_steps, 0) + 1 + self.future_steps
+
+    @property
+    def seen(self) -> int:
+        """Steering wheel angles that a window has seen, n₂ + 1."""
+        return self.past_steps + 1
+
+    @property
+    def window_inputs(self) -> int:
+        """Inputs of a window, as `windows.cut_windows` lays them out."""
+        return 2 * self.path_length + self.seen
+
     def transform(self, inputs: Floats) -> Floats:
         """Return the coordinates (n_windows, n_coordinates) of windows (n_windows, n_inputs)."""
         blocks = curvature_blocks(inputs, self.past_steps, self.future_steps, self.step)

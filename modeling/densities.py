@@ -56,7 +56,17 @@ class Parameters:
 def factorise(
     weights: FloatArray, means: FloatArray, covariances: FloatArray, precision: npt.DTypeLike = np.float64
 ) -> Parameters:
-    """Return parameters of positive definite covariances, their factors and inverses computed once."""
+    """Return parameters with their factors and inverses, computed once.
+
+    Args:
+        weights: Positive (k,); divided by their sum.
+        means: Shape (k, d).
+        covariances: Positive definite (k, d, d).
+        precision: What W is rounded to.
+
+    Raises:
+        numpy.linalg.LinAlgError: A covariance is not positive definite.
+    """
     from scipy.linalg.lapack import dtrtri
 
     factors = np.linalg.cholesky(covariances).astype(np.float64, copy=False)
@@ -75,7 +85,7 @@ def rounding_noise(parameters: Parameters) -> float:
 
 
 def chunks(rows: Rows, components: int = 1) -> Iterator[slice]:
-    """Yield slices over the rows so small that neither they nor their values by component exceed `CHUNK_VALUES`."""
+    """Yield slices over rows (n, d) so small that neither they nor their values by component exceed `CHUNK_VALUES`."""
     n, d = rows.shape
     step = max(CHUNK_VALUES // max(d, components), 64)
     for start in range(0, n, step):
@@ -83,12 +93,12 @@ def chunks(rows: Rows, components: int = 1) -> Iterator[slice]:
 
 
 def plain(rows: npt.ArrayLike) -> FloatArray:
-    """Return rows as compiled code takes them: it is compiled for one kind of array; uncopied where they are that."""
+    """Return rows (n, d) as compiled code takes them, for one kind of array; uncopied where they are that."""
     return np.require(rows, np.float64, ["C", "W"])
 
 
 def log_sum(joint: FloatArray) -> FloatArray:
-    """Return the log of the sum over each row of exponentials."""
+    """Return log Σ_k exp j_k of each row j of `joint` (n, k), shape (n,)."""
     top = joint.max(axis=1)
     total: FloatArray = top + np.log(np.exp(joint - top[:, None]).sum(axis=1))
     return total

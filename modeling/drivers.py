@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from ..dataset.drive import segments_of
@@ -16,6 +17,7 @@ from ..dataset.segments import SEGMENTS_PER_CLUSTER, describe_clusters, features
 from ..schemas.config import Config
 from ..schemas.errors import InputError
 from ..schemas.project import Project
+from ..schemas.store import read_table
 from .path_types import PathTypes
 from .windows import Floats, Mask, Series
 
@@ -54,7 +56,20 @@ def modelled_drivers(project: Project) -> tuple[dict[str, dict[str, str]], list[
 
 def read_series(project: Path, driver: str, config: Config) -> Series:
     """Return a driver's dataset, without lookahead distances whose spread is above `lookahead.maximum_spread`."""
-    table = Project(project).dataset(driver)
+    return _series(Project(project).dataset(driver), config)
+
+
+def read_recording(project: Path, driver: str, recording: str, config: Config) -> Series:
+    """Return one recording of a driver's dataset, as `read_series` does all of them.
+
+    Raises:
+        InputError: Its file is missing or damaged.
+    """
+    table = read_table(Project(project).dataset_file(driver, recording))
+    return _series(table.append_column("recording", pa.array([recording] * len(table), pa.string())), config)
+
+
+def _series(table: pa.Table, config: Config) -> Series:
     series = Series.from_table(table, config.sync.period)
     if (share := config.lookahead.maximum_spread) is not None:
         told = table["lookahead_spread"].to_numpy() <= share * series.lookahead

@@ -126,7 +126,7 @@ def as_array(values: npt.ArrayLike, name: str) -> npt.NDArray[np.floating[Any]]:
     """Return `values` as a finite array of shape (n_samples, n_features), float32 and float64 uncopied.
 
     Args:
-        values: Whatever numpy can read as an array of real numbers.
+        values: Whatever numpy can read as an array of real numbers (n_samples, n_features).
         name: What an error calls it.
 
     Raises:

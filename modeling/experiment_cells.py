@@ -74,12 +74,12 @@ class Split:
 
     @property
     def learnt_types(self) -> NDArray[np.str_]:
-        """Path type of each window to learn from."""
+        """Path type of each window to learn from (n_windows,)."""
         return self.path_type[self.learnt.centres]
 
     @property
     def asked_types(self) -> NDArray[np.str_]:
-        """Path type of each window to test."""
+        """Path type of each window to test (n_windows,)."""
         return self.path_type[self.asked.centres]
 
 
@@ -234,6 +234,9 @@ def known_lookahead(
     project: Path, driver: str, series: Series, fold: int, config: Config
 ) -> tuple[Floats, Floats, Mask, Mask]:
     """Return [Δθ, v] and lookahead distance of the rows that have both, and which of them to learn from and to test.
+
+    Returns:
+        Shapes (n_known, 2), deg per sample and m/s; (n_known,), m; and twice (n_known,).
 
     Raises:
         InputError: There are too few samples to learn from.

@@ -41,8 +41,8 @@ def blocks_of(centres: Rows, length: int, needed: int) -> list[tuple[Rows, Rows]
         needed: Fewest windows to learn from.
 
     Returns:
-        For each block the places (from 0) of the windows to learn from, and of those held out. Nothing where too few
-        are left to learn from.
+        For each block the places (from 0) of the windows to learn from (n_learnt,), and of those held out (n_held,).
+        Nothing where too few are left to learn from.
     """
     blocks = BLOCKS if len(centres) < PLENTY else FEWER_BLOCKS
     for stride in (max(len(centres) // ENOUGH, STRIDES[0]), *STRIDES[1:]):
@@ -69,7 +69,7 @@ def calibrate(
     """Calibrate a kind of motion primitives by the errors on blocks of windows that they did not learn from.
 
     Args:
-        fit: Fits them to the windows at the given places.
+        fit: Fits them to the windows at the given places (n_learnt,).
         inputs: Shape (n_windows, n_inputs).
         outputs: Shape (n_windows, n₃), deg.
         path_types: Path type of each window (n_windows,).

@@ -290,16 +290,16 @@ class GaussianMixture(Estimator):
         return k - 1 + k * d + {"full": k * triangle, "tied": triangle, "diagonal": k * d}[self.covariance_type]
 
     def bic(self, X: npt.ArrayLike, parameter_count: ParameterCount = "full") -> float:
-        """Return −2 log L + p log n (−2 times PP eq. 8); the lower, the better."""
+        """Return −2 log L + p log n of rows (n, n_features), −2 times PP eq. 8; the lower, the better."""
         scores = self.score_samples(X)
         return float(-2.0 * scores.sum() + self.n_parameters(parameter_count) * math.log(len(scores)))
 
     def aic(self, X: npt.ArrayLike, parameter_count: ParameterCount = "full") -> float:
-        """Return −2 log L + 2 p; the lower, the better."""
+        """Return −2 log L + 2 p of rows (n, n_features); the lower, the better."""
         return float(-2.0 * self.score_samples(X).sum() + 2 * self.n_parameters(parameter_count))
 
     def marginal(self, dimensions: Sequence[int] | npt.NDArray[np.integer[Any]]) -> GaussianMixture:
-        """Return the mixture that the given columns follow, in the given order."""
+        """Return the mixture that the given columns (n_columns,) follow, in the given order."""
         self._require_fit("means_")
         index = np.asarray(dimensions, dtype=np.intp)
         return GaussianMixture.from_parameters(

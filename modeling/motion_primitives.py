@@ -111,6 +111,24 @@ class MotionPrimitives:
             mean += self.coordinates.origin(inputs)
         return Forecast(mean, sd, self.calibrations.get(self.n1, Calibration.gaussian(outputs)))
 
+    def predict_one(self, inputs: Floats, path_type: str) -> tuple[Floats, Floats, float]:
+        """Predict one window, unchecked and at once.
+
+        Args:
+            inputs: Finite, float64 (n_inputs,).
+            path_type: Such as `1-3-2`.
+
+        Returns:
+            Means in deg and variances in deg² as of `predict`, each (n₃,), and the domain score in nats.
+        """
+        rows = inputs[None]
+        given = inputs if self.coordinates is None else self.coordinates.transform(rows)[0]
+        mean, sd, score = self.regressions[self.model_of(path_type)].predict_one(given)
+        if self.coordinates is not None:
+            mean += self.coordinates.origin(rows)[0]
+        calibration = self.calibrations.get(self.n1)
+        return mean, np.square(sd) if calibration is None else calibration.variance(sd), score
+
     def domain_score(self, inputs: Floats, path_types: NDArray[Any]) -> Floats:
         """Return how ordinary windows are: the log density of the inputs in the regression that predicts, nats.
 

@@ -45,6 +45,11 @@ class SteeringModel:
     period: int
     division: Division
 
+    @property
+    def window(self) -> tuple[int, int]:
+        """n₂ and n₃."""
+        return self.past_steps, self.future_steps
+
     def windows(self, series: Series, allowed: Mask) -> Windows:
         """Return the windows that can be predicted, entirely within the allowed rows (n_rows,)."""
         rows = allowed & series.has_path_and_steering

@@ -143,7 +143,7 @@ class Predictor:
             return None
         deviation, speed = path
         seen = window[len(window) - 1 - model.past_steps :, 2]
-        inputs = np.concatenate([window[:, 0], deviation, window[:, 1], speed, seen])[None]
+        inputs = np.concatenate([window[:, 0], deviation, window[:, 1], speed, seen])
         path_type = label_present(
             np.append(past[:, 0], deviation),
             np.append(past[:, 1], speed),
@@ -152,10 +152,9 @@ class Predictor:
             model.division,
             model.period,
         )
-        mean, sd = model.predict(inputs, np.array([path_type]))
+        mean, variance, score = model.primitives.predict_one(inputs, path_type)
         regression = model.primitives.model_of(path_type)
-        score = model.primitives.regressions[regression].domain_score(inputs)
-        return Prediction(sample.time, mean[0], sd[0], float(score[0]), path_type, regression)
+        return Prediction(sample.time, mean, np.sqrt(variance), score, path_type, regression)
 
     def _planned(self, time: int) -> Floats:
         """Return what is planned for the n₃ steps after `time` (2, n₃); nothing, (2, 0), where it does not reach."""

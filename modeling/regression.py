@@ -10,12 +10,14 @@ import numpy.typing as npt
 
 from .densities import CHUNK_VALUES, NOTHING, chunks, log_constants, log_sum, plain
 from .estimator import Estimator, FloatArray, Rows, as_array
+from .input_order import telling_first
 from .mixture import GaussianMixture, Precision
 from .one_thread import one_blas_thread
 from .starts import StartKind
 
 if TYPE_CHECKING:
     from .conditional import Conditional
+    from .one_row import OneRow
 
 SINGLE_NOTHING = 16.0
 """Nats below the most likely component from which on a component changes no prediction in single precision."""
@@ -61,6 +63,7 @@ class MixtureRegression(Estimator):
     matrices_: FloatArray
     conditional_covariances_: FloatArray
     n_outputs_: int
+    _row: OneRow | None
 
     def __init__(
         self,
@@ -101,8 +104,8 @@ class MixtureRegression(Estimator):
 
         Args:
             mixture: A fitted mixture, or one of given arrays (`GaussianMixture.from_parameters`).
-            inputs: Its columns that are x, in the order that `predict` takes them.
-            outputs: Its columns that are y; columns in neither are marginalised.
+            inputs: Its columns that are x (n_inputs,), in the order that `predict` takes them.
+            outputs: Its columns that are y (n_outputs,); columns in neither are marginalised.
             faithful: As in the constructor.
             single_output: Predict arrays of shape (n_samples,), as after `fit` with a y of that shape.
 
@@ -216,22 +219,21 @@ class MixtureRegression(Estimator):
             mean, spread = mean[:, 0], spread if return_covariance else spread[:, 0]
         return (mean, spread) if return_sd or return_covariance else mean
 
-    def predict_one(self, x: FloatArray, *, single: bool = False) -> tuple[FloatArray, FloatArray]:
+    def predict_one(self, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
         """Predict y of one row, unchecked and at once: what `predict` says of it takes longer than the computation.
 
         Args:
             x: Finite inputs, float64 (n_inputs,).
-            single: As in `predict`.
 
         Returns:
-            Means and standard deviations, each (n_outputs,).
+            Means and standard deviations, each (n_outputs,), and the domain score in nats.
         """
-        from .conditional import predict_rows
+        from .one_row import predict_row
 
-        mean, sd = np.empty((2, 1, self.n_outputs_))
-        kind, cutoff = (np.float32, SINGLE_NOTHING) if single else (np.float64, NOTHING)
-        predict_rows(x.reshape(1, -1), self._conditional(kind), cutoff, mean, sd)
-        return mean[0], sd[0]
+        mean, sd = np.empty((2, self.n_outputs_))
+        if self._row is None:
+            self._row = self._prepare_row()
+        return mean, sd, float(predict_row(x, *self._row, mean, sd))
 
     def _mean_and_sd(self, rows: Rows, *, single: bool) -> tuple[FloatArray, FloatArray]:
         from .conditional import predict_rows
@@ -310,7 +312,12 @@ class MixtureRegression(Estimator):
         return self.mixture_.score_samples(np.concatenate([rows, targets], axis=1)) - self.domain_score(rows)
 
     def score(self, X: npt.ArrayLike, y: npt.ArrayLike) -> float:
-        """Return the coefficient of determination R², averaged over the outputs: 1 is perfect, 0 is the mean of y."""
+        """Return the coefficient of determination R² = 1 − Σ (y − ŷ)² / Σ (y − ȳ)², averaged over the outputs.
+
+        Args:
+            X: Inputs, shape (n_samples, n_inputs).
+            y: What happened, shape (n_samples, n_outputs) or (n_samples,).
+        """
         mean = self.predict(X).reshape(-1, self.n_outputs_)
         targets = np.asarray(y, dtype=np.float64).reshape(mean.shape)
         residual = np.square(targets - mean).sum(axis=0)
@@ -339,6 +346,7 @@ class MixtureRegression(Estimator):
         self._conditional_variances = np.diagonal(self.conditional_covariances_, axis1=1, axis2=2).copy()
         self._gains = gains
         self._prepared: dict[np.dtype[Any], Conditional] = {}
+        self._row = None
 
     def _conditional(self, precision: npt.DTypeLike) -> Conditional:
         """Return what predictions in a precision need, computed once."""
@@ -359,6 +367,30 @@ class MixtureRegression(Estimator):
                 self.faithful,
             )
         return self._prepared[kind]
+
+    def _prepare_row(self) -> OneRow:
+        """Return what the prediction of one row needs."""
+        from .one_row import OneRow
+
+        joint, n = self.mixture_, self.n_features_in_
+        order = telling_first(joint.covariances_[:, :n, :n])
+        columns = np.append(order, np.arange(n, joint.n_features_in_))
+        ordered = joint.marginal(columns)
+        factors, inputs = np.linalg.cholesky(ordered.covariances_), ordered.marginal(range(n))
+        log_weights = np.log(joint.weights_)
+        return OneRow(
+            order,
+            plain(inputs.means_),
+            inputs.inverses,
+            log_constants(joint.weights_, inputs.inverses),
+            log_weights,
+            plain(joint.means_[:, n:]),
+            plain(factors[:, n:, :n]),
+            self._conditional_variances,
+            # Without its weight a component may count for more.
+            NOTHING + (float(np.ptp(log_weights)) if self.faithful else 0.0),
+            self.faithful,
+        )
 
     def _component_means(self, rows: Rows) -> FloatArray:
         """Return m_k of each row (MP eq. 18), shape (k, n_samples, n_outputs)."""

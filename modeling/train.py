@@ -93,7 +93,7 @@ def train_motion_primitives(project: Path, driver: str, files: Mapping[str, str]
         inputs, n1 = settings.inputs[-1], settings.path_types[-1]
         primitives, facts = fit_mixture(inputs, windows, path_type, [n1], past_steps, components, penalty, config)
         model = SteeringModel(primitives, types, past_steps, future, config.sync.period, division_of(config))
-        chosen = _spread_out(len(centres))
+        chosen = golden_rows(len(centres))
         golden = (windows.inputs[chosen], path_type[chosen])
         predicted = model.predict(*golden)
     card = {
@@ -164,7 +164,7 @@ def _train_lookahead(
         raise _too_few(project, driver, f"{len(inputs)} samples with a lookahead distance", FEWEST_SAMPLES)
     with one_thread():
         model.fit(inputs, lookahead)
-        golden = inputs[_spread_out(len(inputs))]
+        golden = inputs[golden_rows(len(inputs))]
         predicted = model.predict(golden)
     card = {
         "title": f"How far ahead {driver} looks: lookahead distance by Gaussian mixture regression",
@@ -219,8 +219,8 @@ def _save(
     return Outcome({"outputs": [describe_output(project, path) for path in written], "parameters": card["parameters"]})
 
 
-def _spread_out(samples: int) -> NDArray[np.intp]:
-    """Return a few of the samples, from the first to the last."""
+def golden_rows(samples: int) -> NDArray[np.intp]:
+    """Return `GOLDEN_ROWS` of the samples or fewer, from the first to the last (n_chosen,)."""
     return np.unique(np.linspace(0, samples - 1, GOLDEN_ROWS).astype(np.intp))
 
 

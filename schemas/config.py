@@ -455,9 +455,14 @@ class MotionPrimitives(Section):
 
 
 class Personal(Section):
-    """`[models.personal]`: are the models personal? Learning curves, cross-driver matrix, identification."""
+    """`[models.personal]`: models between drivers: learning curves, cross-driver matrix, identification, adaptation."""
 
     evaluate: bool = Field(default=False, description="make these parts of the evaluation; they need two drivers")
+    train: bool = Field(
+        default=False,
+        description="`wheelprint train` keeps the population's models and those adapted to each driver, too; they need "
+        "two drivers",
+    )
     past_steps: int = Field(default=1, ge=-1, description="n2 of the steering windows")
     future_steps: int = Field(default=10, ge=1, description="n3 of the steering windows")
     components: int = Field(default=3, ge=1, description="of the steering's mixtures, population and own alike")
@@ -466,6 +471,13 @@ class Personal(Section):
         default=2.0,
         gt=0,
         description="rows per channel that the population stands for in each component when it is adapted to a driver",
+    )
+    online_exponent: float = Field(
+        default=0.6,
+        gt=0.5,
+        le=1.0,
+        description="of `wheelprint train --continue`: 1 gives every drive the same weight for ever, less forgets "
+        "early ones",
     )
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
+from ..curvature import SLOWEST
 from ..estimator import FloatArray
 from ..lookahead_models import SPEED
 from .plain_regression import PlainRegression
@@ -15,8 +17,8 @@ from .plain_regression import PlainRegression
 BLOCK = 16
 """Rows of a matrix that are computed together: their sums stay in registers, and compilers make vectors of them."""
 
-NEGLIGIBLE = 40.0
-"""nats; a component that much less likely than the best one has a responsibility below 5e-18: nothing of it is left
+NEGLIGIBLE = 37.0
+"""nats; a component that much less likely than the best one has a responsibility below 1e-16: nothing of it is left
 in the sums, and neither the rest of its density nor its regression is computed."""
 
 
@@ -26,7 +28,7 @@ def c_header(plain: PlainRegression, name: str, title: Sequence[str], inputs: Se
         double wheelprint_<name>_predict(const double *inputs, double *mean, double *variance);
         double wheelprint_<name>_domain_score(const double *inputs);
 
-    Both return the domain score. Everything is `static inline` and `static const`: include the header in one source
+    Both return the domain score. Everything is `static`: include the header in one source
     file of a program. Matrices lie in blocks of `BLOCK` rows, column after column, the triangular ones only up to
     their diagonal: a prediction reads them once, from the first to the last number.
 
@@ -58,18 +60,35 @@ def c_header(plain: PlainRegression, name: str, title: Sequence[str], inputs: Se
         arrays["class_polynomials"] = plain.classes.polynomials
         arrays["component_classes"] = plain.classes.of_component
         classes = CLASS_OF
+    coordinates = plain.coordinates
+    if coordinates is not None:
+        arrays["channel_means"] = coordinates.mean
+        arrays["basis"] = _blocks(coordinates.basis.T, triangular=False)
+    if calibrated := bool((plain.variance_factors != 1.0).any()):
+        arrays["variance_factors"] = plain.variance_factors
     facts = [*title, "", *(f"inputs[{place}]  {line}" for place, line in enumerate(inputs)), "", outputs]
     text = TEMPLATE
     for key, value in {
         "COMMENT": "\n".join(f" * {line}".rstrip() for line in facts).replace("*/", "* /"),
         "ARRAYS": "\n".join(_array(f"wheelprint_{name}_{key}", values) for key, values in arrays.items()),
         "CLASS_OF": classes,
-        "CLASS_AT_HAND": "    const int own_class = wheelprint_@NAME@_class(inputs);\n" if classes else "",
+        "COORDINATES": "" if coordinates is None else COORDINATES,
+        "MADE": "" if coordinates is None else MADE_INPUTS,
+        "X": "inputs" if coordinates is None else "x",
+        "ANGLE": ANGLE if coordinates is not None and coordinates.seen else "",
+        "CALIBRATION": CALIBRATION if calibrated else "",
+        "CLASS_AT_HAND": "    const int own_class = wheelprint_@NAME@_class(x);\n" if classes else "",
         "OTHER_CLASS": OTHER_CLASS if classes else "",
         "BETA": FAITHFUL_BETA if plain.faithful else "",
         "VARIANCE": FAITHFUL_VARIANCE if plain.faithful else TOTAL_VARIANCE,
         "MIXED": "responsibility * responsibility" if plain.faithful else "responsibility",
         "SPEED": str(SPEED),
+        "LENGTH": "" if coordinates is None else str(coordinates.path_length),
+        "SEEN": "" if coordinates is None else str(coordinates.seen),
+        "CHANNELS": "" if coordinates is None else str(len(coordinates.mean)),
+        "STEP": "" if coordinates is None else repr(coordinates.step),
+        "PER_KM": "" if coordinates is None else repr(1e3 * math.radians(1.0) / coordinates.step),
+        "SLOWEST": repr(SLOWEST),
         "CLASSES": str(0 if plain.classes is None else len(plain.classes.polynomials)),
         "TRIANGLE": str(triangle.shape[1]),
         "MATRIX": str(matrices.shape[1]),
@@ -80,6 +99,7 @@ def c_header(plain: PlainRegression, name: str, title: Sequence[str], inputs: Se
         "ROWS_OUT": str(rows_out),
         "GUARD": f"WHEELPRINT_{name}_H",
         "NAME": name,
+        "GIVEN": str(plain.given),
         "N": str(n),
         "M": str(m),
         "K": str(k),
@@ -144,6 +164,48 @@ OTHER_CLASS = """        if (wheelprint_@NAME@_component_classes[k] != own_class
         }
 """
 
+MADE_INPUTS = """    double x[@ROWS_IN@];
+    wheelprint_@NAME@_coordinates(inputs, x);
+"""
+
+COORDINATES = """
+/* Curvature (1/km), lateral acceleration, its product with braking, and angles, as coordinates. */
+static inline void wheelprint_@NAME@_coordinates(const double *inputs, double *x)
+{
+    const double *speed = inputs + @LENGTH@, *matrix = wheelprint_@NAME@_basis;
+    double channels[@CHANNELS@];
+    for (int i = 0; i < @LENGTH@; i++) {
+        const int before = i > 0 ? i - 1 : 0, after = i < @LENGTH@ - 1 ? i + 1 : i;
+        const double acceleration = (speed[after] - speed[before]) / (@STEP@ * (after - before));
+        channels[i] = inputs[i] * @PER_KM@ / (speed[i] > @SLOWEST@ ? speed[i] : @SLOWEST@);
+        channels[@LENGTH@ + i] = 1e-3 * channels[i] * speed[i] * speed[i];
+        channels[2 * @LENGTH@ + i] = channels[@LENGTH@ + i] * acceleration;
+    }
+    for (int i = 0; i < @SEEN@; i++) {
+        channels[3 * @LENGTH@ + i] = inputs[2 * @LENGTH@ + i];
+    }
+    for (int i = 0; i < @CHANNELS@; i++) {
+        channels[i] -= wheelprint_@NAME@_channel_means[i];
+    }
+    for (int row = 0; row < @ROWS_IN@; row += @BLOCK@) {
+        for (int i = row; i < row + @BLOCK@; i++) {
+            x[i] = 0.0;
+        }
+        matrix = wheelprint_@NAME@_block(matrix, channels, @CHANNELS@, x + row);
+    }
+}
+"""
+
+ANGLE = """    for (int i = 0; i < @M@; i++) { /* The change was predicted, from the last angle. */
+        mean[i] += inputs[@GIVEN@ - 1];
+    }
+"""
+
+CALIBRATION = """    for (int i = 0; i < @M@; i++) {
+        variance[i] *= wheelprint_@NAME@_variance_factors[i];
+    }
+"""
+
 FAITHFUL_BETA = """
     /* MP eq. 20 as printed: responsibilities without the weights. */
     double most = -HUGE_VAL, sum = 0.0;
@@ -186,7 +248,14 @@ TEMPLATE = """/*
 
 #include <math.h>
 
-#define WHEELPRINT_@NAME@_INPUTS @N@
+/* GCC compiles the loops a second time for processors with AVX2, and the program chooses when it is loaded. */
+#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__GLIBC__) && !defined(__AVX2__)
+#define WHEELPRINT_@NAME@_CLONED __attribute__((target_clones("avx2", "default"), unused)) static
+#else
+#define WHEELPRINT_@NAME@_CLONED static inline
+#endif
+
+#define WHEELPRINT_@NAME@_INPUTS @GIVEN@
 #define WHEELPRINT_@NAME@_OUTPUTS @M@
 
 @ARRAYS@@CLASS_OF@
@@ -209,15 +278,15 @@ static inline const double *wheelprint_@NAME@_block(const double *restrict matri
     }
     return matrix;
 }
-
+@COORDINATES@
 /* Log of weight times density of the inputs by component; returns the log of their sum, the domain score. */
-static inline double wheelprint_@NAME@_densities(const double *inputs, double *centred, double *joint)
+WHEELPRINT_@NAME@_CLONED double wheelprint_@NAME@_densities(const double *x, double *centred, double *joint)
 {
     const double *matrix[@K@];
     double best = -HUGE_VAL, sum = 0.0;
     int done[@K@]; /* rows of the whitened inputs */
 @CLASS_AT_HAND@    for (int j = 0; j < @N@; j++) {
-        centred[j] = inputs[wheelprint_@NAME@_order[j]] - wheelprint_@NAME@_origin[j];
+        centred[j] = x[wheelprint_@NAME@_order[j]] - wheelprint_@NAME@_origin[j];
     }
     for (int k = 0; k < @K@; k++) {
         joint[k] = wheelprint_@NAME@_constants[k];
@@ -256,17 +325,17 @@ static inline double wheelprint_@NAME@_densities(const double *inputs, double *c
 }
 
 /* Log density of the inputs where the model learnt, nats. */
-static inline double wheelprint_@NAME@_domain_score(const double *inputs)
+WHEELPRINT_@NAME@_CLONED double wheelprint_@NAME@_domain_score(const double *inputs)
 {
-    double centred[@N@], joint[@K@];
-    return wheelprint_@NAME@_densities(inputs, centred, joint);
+@MADE@    double centred[@N@], joint[@K@];
+    return wheelprint_@NAME@_densities(@X@, centred, joint);
 }
 
 /* Mean and variance of each output; returns the domain score. */
-static inline double wheelprint_@NAME@_predict(const double *inputs, double *mean, double *variance)
+WHEELPRINT_@NAME@_CLONED double wheelprint_@NAME@_predict(const double *inputs, double *mean, double *variance)
 {
-    double centred[@N@], joint[@K@], responsibilities[@K@], means[@K@][@ROWS_OUT@];
-    const double score = wheelprint_@NAME@_densities(inputs, centred, joint);
+@MADE@    double centred[@N@], joint[@K@], responsibilities[@K@], means[@K@][@ROWS_OUT@];
+    const double score = wheelprint_@NAME@_densities(@X@, centred, joint);
     for (int k = 0; k < @K@; k++) {
         const double log_responsibility = joint[k] - score;
         responsibilities[k] = log_responsibility > -@NEGLIGIBLE@ ? exp(log_responsibility) : 0.0;
@@ -289,7 +358,7 @@ static inline double wheelprint_@NAME@_predict(const double *inputs, double *mea
             }
         }
     }
-@VARIANCE@    return score;
+@VARIANCE@@CALIBRATION@@ANGLE@    return score;
 }
 
 #endif

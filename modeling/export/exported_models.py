@@ -16,7 +16,9 @@ from ...schemas.project import Project, encode_name
 from ...schemas.store import publish, publish_json
 from ..estimator import FloatArray
 from ..lookahead_models import GeneralLookahead, VelocityLookahead
-from ..motion_primitives import EVERYTHING
+from ..motion_primitives import EVERYTHING, MotionPrimitives
+from ..personal_models import KINDS as PERSONAL
+from ..personal_models import PersonalModel
 from ..predict import MODEL, SteeringModel
 from ..regression import MixtureRegression
 from ..storage import GOLDEN, load_model
@@ -106,43 +108,53 @@ def exported_regressions(model: Any, inputs: FloatArray) -> list[ExportedRegress
     """Return the regressions of a trained model of any kind in `KINDS`.
 
     Args:
-        model: Motion primitives, or a model of the lookahead distance.
+        model: Motion primitives, a model of the lookahead distance, or a personal model.
         inputs: Golden inputs (n_rows, n_inputs).
     """
     if isinstance(model, SteeringModel):
-        return [
-            _exported(name, PlainRegression.of([one]), one, inputs, one.predict(inputs, return_sd=True))
-            for name, one in sorted(model.primitives.regressions.items())
-        ]
+        return [_motion_primitive(name, model.primitives, inputs) for name in sorted(model.primitives.regressions)]
     if isinstance(model, VelocityLookahead):
         plain = PlainRegression.of(model.regressions, model.classes)
-        return [_exported("", plain, model, inputs, model.predict(inputs))]
+        return [_exported(plain, model, inputs, model.predict(inputs))]
     plain = PlainRegression.of([model.regression])
-    return [_exported("", plain, model.regression, inputs, model.predict(inputs))]
+    return [_exported(plain, model.regression, inputs, model.predict(inputs))]
 
 
 def input_channels(model: Any) -> list[dict[str, Any]]:
     """Return what each input column is: name, unit and, of a window, its step from the present one."""
-    if not isinstance(model, SteeringModel):
+    window = model.window if isinstance(model, SteeringModel | PersonalModel) else None
+    if window is None:
         return [{"name": "course_deviation", "unit": "deg per sample"}, {"name": "speed", "unit": "m/s"}]
-    path = range(-max(model.past_steps, 0), model.future_steps + 1)
+    past_steps, future_steps = window
+    path = range(-max(past_steps, 0), future_steps + 1)
     blocks = (
         ("course_deviation", "deg per sample", path),
         ("speed", "m/s", path),
-        ("steering_wheel_angle", "deg", range(-model.past_steps, 1)),
+        ("steering_wheel_angle", "deg", range(-past_steps, 1)),
     )
     return [{"name": name, "unit": unit, "step": step} for name, unit, steps in blocks for step in steps]
 
 
+def _motion_primitive(name: str, primitives: MotionPrimitives, inputs: FloatArray) -> ExportedRegression:
+    """Take one regression out, and predict as though every path type were its own."""
+    regression, coordinates = primitives.regressions[name], primitives.coordinates
+    calibration = primitives.calibrations.get(primitives.n1)
+    calibrations = {} if calibration is None else {1: calibration}
+    alone = MotionPrimitives(1, {EVERYTHING: regression}, {}, coordinates, calibrations)
+    everything = np.full(len(inputs), EVERYTHING)
+    mean, variance = alone.predict(inputs, everything)
+    plain = PlainRegression.of([regression], coordinates=coordinates, calibration=calibration)
+    return ExportedRegression(name, plain, inputs, mean, np.sqrt(variance), alone.domain_score(inputs, everything))
+
+
 def _exported(
-    name: str,
     plain: PlainRegression,
     model: MixtureRegression | VelocityLookahead,
     inputs: FloatArray,
     predicted: tuple[FloatArray, FloatArray],
 ) -> ExportedRegression:
     mean, sd = (values.reshape(len(inputs), -1) for values in predicted)
-    return ExportedRegression(name, plain, inputs, mean, sd, domain_score(model, inputs))
+    return ExportedRegression("", plain, inputs, mean, sd, domain_score(model, inputs))
 
 
 def _contents(
@@ -211,4 +223,5 @@ KINDS: Mapping[str, tuple[Callable[..., Any], Callable[..., tuple[NDArray[Any], 
     MODEL: (SteeringModel.from_arrays, SteeringModel.predict),
     "lookahead_general": (GeneralLookahead.from_arrays, GeneralLookahead.predict),
     "lookahead_velocity": (VelocityLookahead.from_arrays, VelocityLookahead.predict),
+    **dict.fromkeys(PERSONAL, (PersonalModel.from_arrays, PersonalModel.predict)),
 }

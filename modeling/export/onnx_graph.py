@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from ..curvature import SLOWEST, CurvatureCoordinates
 from ..lookahead_models import SPEED
 from .plain_regression import PlainRegression, SpeedClasses
 
@@ -52,7 +53,7 @@ def onnx_model(
     proto = helper.make_graph(
         graph.nodes,
         name,
-        [helper.make_tensor_value_info("inputs", kind, ["rows", plain.inputs])],
+        [helper.make_tensor_value_info("inputs", kind, ["rows", plain.given])],
         [helper.make_tensor_value_info(output, kind, shape) for output, shape in shapes.items()],
         graph.initializers,
     )
@@ -94,7 +95,9 @@ def _add_formulas(graph: _Graph, plain: PlainRegression, *, covariance: bool) ->
     """
     k, n, m = plain.components, plain.inputs, plain.outputs
     add, constant = graph.add, graph.constant
-    add("Sub", ["inputs", constant("origin", plain.origin)], "centred")  # (rows, n)
+    inputs = "inputs" if plain.coordinates is None else _add_coordinates(graph, plain.coordinates)
+    calibrated = bool((plain.variance_factors != 1.0).any())
+    add("Sub", [inputs, constant("origin", plain.origin)], "centred")  # (rows, n)
     whitening = plain.whitening[:, :, np.argsort(plain.order)] / np.sqrt(2.0)
     every = np.concatenate([whitening, plain.matrices], axis=1)  # (k, n + m, n)
     shift = np.concatenate([plain.shifts / np.sqrt(2.0), plain.offsets], axis=1)
@@ -119,27 +122,59 @@ def _add_formulas(graph: _Graph, plain: PlainRegression, *, covariance: bool) ->
     one = constant("one", [1], np.int64)
     row = add("Unsqueeze", ["responsibilities", one], "row")  # (rows, 1, k)
     add("MatMul", [row, "means"], "mean_row")  # (rows, 1, m)
-    add("Squeeze", ["mean_row", one], "mean")
+    if plain.coordinates is None or not plain.coordinates.seen:
+        add("Squeeze", ["mean_row", one], "mean")
+    else:
+        add("Squeeze", ["mean_row", one], "change")
+        add("Gather", ["inputs", constant("last", [plain.given - 1], np.int64)], "current_angle", axis=1)  # (rows, 1)
+        add("Add", ["change", "current_angle"], "mean")
     mixing = add("Mul", ["responsibilities"] * 2, "squared") if plain.faithful else "responsibilities"
     variances = constant("variances", np.diagonal(plain.covariances, axis1=1, axis2=2))
-    variance = add("MatMul", [mixing, variances], "variance_within")
-    if not plain.faithful:
+    if plain.faithful:
+        variance = add("MatMul", [mixing, variances], "variance")
+    else:
         add("Sub", ["means", "mean_row"], "offset")  # (rows, k, m)
         add("Mul", ["offset", "offset"], "offset_squared")
-        add("MatMul", [row, "offset_squared"], "variance_between_row")
-        add("Squeeze", ["variance_between_row", one], "variance_between")
-        variance = add("Add", [variance, "variance_between"], "variance")
+        add("Add", ["offset_squared", variances], "second_moments")
+        add("MatMul", [row, "second_moments"], "variance_row")
+        variance = add("Squeeze", ["variance_row", one], "variance")
+    if calibrated:
+        variance = add("Mul", [variance, constant("variance_factors", plain.variance_factors)], "variance_calibrated")
     add("Sqrt", [variance], "sd")
     if not covariance:
         return
     add("MatMul", [mixing, constant("covariances", plain.covariances.reshape(k, m * m))], "covariance_flat")
-    within = "covariance" if plain.faithful else "covariance_within"
+    total = "covariance_stated" if calibrated else "covariance"
+    within = total if plain.faithful else "covariance_within"
     add("Reshape", ["covariance_flat", constant("square", [-1, m, m], np.int64)], within)
     if not plain.faithful:
         add("Transpose", ["offset"], "offset_columns", perm=[0, 2, 1])  # (rows, m, k)
         add("Mul", ["offset_columns", row], "offset_weighted")
         add("MatMul", ["offset_weighted", "offset"], "covariance_between")
-        add("Add", [within, "covariance_between"], "covariance")
+        add("Add", [within, "covariance_between"], total)
+    if calibrated:
+        root = np.sqrt(plain.variance_factors)
+        add("Mul", [total, constant("covariance_factors", np.outer(root, root))], "covariance")
+
+
+def _add_coordinates(graph: _Graph, coordinates: CurvatureCoordinates) -> str:
+    """Write `CurvatureCoordinates.transform` of the windows (rows, n_inputs)."""
+    add, constant = graph.add, graph.constant
+    length, seen = coordinates.path_length, coordinates.seen
+    names = ["deviation", "speed", *(["seen"] if seen else [])]
+    add("Split", ["inputs", constant("window", [length, length, *([seen] if seen else [])], np.int64)], *names, axis=1)
+    add("Max", ["speed", constant("slowest", SLOWEST)], "no_slower")
+    add("Mul", ["deviation", constant("per_km", 1e3 * np.radians(1.0) / coordinates.step)], "turn")
+    add("Div", ["turn", "no_slower"], "curvature")  # 1/km
+    add("Mul", ["speed", "speed"], "speed_squared")
+    add("Mul", ["curvature", constant("km", 1e-3)], "curvature_per_m")
+    add("Mul", ["curvature_per_m", "speed_squared"], "lateral")
+    gradient = np.gradient(np.eye(length), coordinates.step, axis=1)
+    add("MatMul", ["speed", constant("gradient", gradient)], "acceleration")
+    add("Mul", ["lateral", "acceleration"], "lateral_braking")
+    add("Concat", ["curvature", "lateral", "lateral_braking", *names[2:]], "channels", axis=1)
+    add("Sub", ["channels", constant("channel_means", coordinates.mean)], "channels_centred")
+    return add("MatMul", ["channels_centred", constant("basis", coordinates.basis)], "coordinates")
 
 
 def _add_classes(graph: _Graph, classes: SpeedClasses) -> str:

@@ -9,7 +9,10 @@ from typing import Self
 
 import numpy as np
 
+from ..calibration import Calibration
+from ..curvature import CurvatureCoordinates
 from ..estimator import FloatArray, as_array
+from ..input_order import telling_first
 from ..lookahead_models import SPEED, VelocityLookahead
 from ..mixture import GaussianMixture
 from ..regression import MixtureRegression
@@ -47,6 +50,10 @@ class PlainRegression:
 
     With classes of speed only the components of the class at hand take part; the others count as j_k = −∞.
 
+    With curvature coordinates x is what they make of the given window (`curvature.CurvatureCoordinates.transform`), and
+    the mean is the change from the angle given last, which is added to it. Where the bands were calibrated, variances
+    are multiplied by `variance_factors` f_i, and covariances by √(f_i f_j).
+
     Attributes:
         order: In which the inputs are whitened (n,): those first that tell components apart.
         origin: About the middle of the inputs (n,): numbers stay small where a program computes in float32.
@@ -57,8 +64,10 @@ class PlainRegression:
         matrices: A (k, m, n).
         offsets: o (k, m).
         covariances: C (k, m, m).
+        variance_factors: f (m,), 1 without calibration.
         faithful: See above.
         classes: See above.
+        coordinates: See above; None: x is what is given.
     """
 
     order: Rows
@@ -70,16 +79,27 @@ class PlainRegression:
     matrices: FloatArray
     offsets: FloatArray
     covariances: FloatArray
+    variance_factors: FloatArray
     faithful: bool = False
     classes: SpeedClasses | None = None
+    coordinates: CurvatureCoordinates | None = None
 
     @classmethod
-    def of(cls, regressions: Sequence[MixtureRegression], classes: GaussianMixture | None = None) -> Self:
+    def of(
+        cls,
+        regressions: Sequence[MixtureRegression],
+        classes: GaussianMixture | None = None,
+        *,
+        coordinates: CurvatureCoordinates | None = None,
+        calibration: Calibration | None = None,
+    ) -> Self:
         """Take a regression, or one for each class of speed, apart.
 
         Args:
             regressions: One; with `classes` as many as it has components, in their order.
             classes: Mixture of the speed, the input column `lookahead_models.SPEED`.
+            coordinates: What the regression's inputs are made by.
+            calibration: Of its bands.
         """
         weights = np.concatenate([one.mixture_.weights_ for one in regressions])
         means = np.concatenate([one.mixture_.means_ for one in regressions])
@@ -88,7 +108,7 @@ class PlainRegression:
         n = regressions[0].n_features_in_
         inputs, outputs = np.split(means, [n], axis=1)
         origin = np.average(inputs, axis=0, weights=weights)
-        order = _telling_first(covariances[:, :n, :n])
+        order = telling_first(covariances[:, :n, :n])
         whitening = np.tril(np.linalg.inv(np.linalg.cholesky(covariances[:, order[:, None], order])))
         shifts = np.einsum("kij,kj->ki", whitening, (origin - inputs)[:, order])
         log_determinants = -np.log(np.diagonal(whitening, axis1=1, axis2=2)).sum(axis=1)
@@ -102,8 +122,12 @@ class PlainRegression:
             matrices=matrices,
             offsets=outputs + np.einsum("kij,kj->ki", matrices, origin - inputs),
             covariances=np.concatenate([one.conditional_covariances_ for one in regressions]),
+            variance_factors=(calibration or Calibration.gaussian(outputs.shape[1])).variance(
+                np.ones(outputs.shape[1])
+            ),
             faithful=regressions[0].faithful,
             classes=None if classes is None else _speed_classes(regressions, classes),
+            coordinates=coordinates,
         )
 
     @property
@@ -113,8 +137,13 @@ class PlainRegression:
 
     @property
     def inputs(self) -> int:
-        """Number n of inputs."""
+        """Number n of inputs of the regression."""
         return len(self.origin)
+
+    @property
+    def given(self) -> int:
+        """Number of inputs that a program gives: those of the regression, or of the window they are made from."""
+        return self.inputs if self.coordinates is None else self.coordinates.window_inputs
 
     @property
     def outputs(self) -> int:
@@ -148,28 +177,6 @@ def domain_score(model: MixtureRegression | VelocityLookahead, inputs: FloatArra
         own = own_class == number
         score[own] = model.regressions[number].domain_score(rows[own])
     return score
-
-
-def _telling_first(covariances: FloatArray) -> Rows:
-    """Return the inputs in an order in which a few of them nearly say how probable each component is.
-
-    One after the other that input is taken whose variances, given those taken before, differ most among the
-    components: log of their mean above the mean of their logs.
-
-    Args:
-        covariances: Of the inputs (k, n, n).
-    """
-    left = covariances.copy()
-    order: list[int] = []
-    remaining = np.arange(covariances.shape[1])
-    while len(remaining):
-        variances = np.maximum(np.diagonal(left, axis1=1, axis2=2)[:, remaining], np.finfo(np.float64).tiny)
-        differs = np.log(variances.mean(axis=0)) - np.log(variances).mean(axis=0)
-        best = int(remaining[np.argmax(np.round(differs, 9))])
-        order.append(best)
-        remaining = remaining[remaining != best]
-        left -= left[:, :, [best]] * left[:, [best], :] / left[:, [best]][:, :, [best]]
-    return np.array(order, dtype=np.intp)
 
 
 def _speed_classes(regressions: Sequence[MixtureRegression], classes: GaussianMixture) -> SpeedClasses:

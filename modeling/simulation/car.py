@@ -50,6 +50,9 @@ class Car:
         Args:
             speed: m/s (n,).
             acceleration: m/s² (n,).
+
+        Returns:
+            Each (n,).
         """
         coasting = np.where(speed > 0, -0.15 - 0.0006 * speed**2, 0.0)
         demand = acceleration - coasting

@@ -52,7 +52,7 @@ class Driver:
     steering_smoothing: float = 0.1
 
     def lookahead(self, speed: FloatArray) -> FloatArray:
-        """Return h(v) in m for speeds in m/s."""
+        """Return h(v) in m, within its bounds, for speeds in m/s, both (n,)."""
         bounded: FloatArray = np.clip(
             self.lookahead_base + self.lookahead_time * speed, self.lookahead_minimum, self.lookahead_maximum
         )

@@ -101,8 +101,8 @@ def geodetic(x: FloatArray, y: FloatArray, origin: Origin) -> tuple[FloatArray, 
     """Return WGS 84 latitude, longitude (deg) and altitude (m) of a level road (n,) at the origin's altitude.
 
     Args:
-        x: m, east in the plane that touches the earth at the origin.
-        y: m, north in that plane.
+        x: m (n,), east in the plane that touches the earth at the origin.
+        y: m (n,), north in that plane.
         origin: Where it touches.
     """
     from pymap3d import enu2geodetic

@@ -19,6 +19,7 @@ from wheelprint.modeling.export.exported_models import Form, export_models
 from wheelprint.modeling.export.plain_regression import PlainRegression, domain_score
 from wheelprint.modeling.lookahead_models import VelocityLookahead
 from wheelprint.modeling.mixture import GaussianMixture
+from wheelprint.modeling.predict import load_steering_model
 from wheelprint.modeling.regression import MixtureRegression
 from wheelprint.modeling.storage import load_model
 from wheelprint.modeling.train import plan_training
@@ -30,8 +31,8 @@ DRIVER = "王 小明"
 KINDS = ("lookahead_general", "lookahead_velocity", "motion_primitives")
 COMPILE = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic")
 PLAIN_OPERATORS = {
-    "Add", "ArgMax", "Gather", "Gemm", "MatMul", "Mul", "ReduceLogSumExp", "ReduceSumSquare", "Reshape", "Softmax",
-    "Split", "Sqrt", "Squeeze", "Sub", "Transpose", "Unsqueeze",
+    "Add", "ArgMax", "Concat", "Div", "Gather", "Gemm", "MatMul", "Max", "Mul", "ReduceLogSumExp", "ReduceSumSquare",
+    "Reshape", "Softmax", "Split", "Sqrt", "Squeeze", "Sub", "Transpose", "Unsqueeze",
 }  # fmt: skip
 
 PROGRAM = """
@@ -132,11 +133,13 @@ def test_onnx_reproduces_the_golden_vectors_of_every_model(trained: Project, tmp
                 found = run_onnx(tmp_path / file, inputs, "float32" if single else "float64")
                 expected = dict(golden)
                 if ".covariance." in file:
-                    plain = model.regression if card["model"] == "lookahead_general" else None
+                    plain, factors = model.regression if card["model"] == "lookahead_general" else None, np.ones(1)
                     if card["model"] == "motion_primitives":
                         plain = model.primitives.regressions[regression]
+                        factors = model.primitives.calibrations[27].variance(np.ones(5))
                     if plain is not None:
-                        expected["covariance"] = plain.predict(inputs, return_covariance=True)[1]
+                        covariance = plain.predict(inputs, return_covariance=True)[1]
+                        expected["covariance"] = covariance * np.sqrt(np.outer(factors, factors))
                 assert found.keys() == {"mean", "sd", "domain_score"} | ({"covariance"} & {*found})
                 assert ("covariance" in found) == (".covariance." in file)
                 agree(found, expected, 1e-4 if single else 1e-9)
@@ -165,6 +168,48 @@ def test_c_reproduces_the_golden_vectors_of_every_model_in_one_program(trained: 
     found = run_c(tmp_path, headers, inputs, [golden["mean"].shape[1] for golden in expected])
     for one, golden in zip(found, expected, strict=True):
         agree(one, golden, 1e-9)
+
+
+@pytest.mark.parametrize("past_steps", [-1, 1])
+@pytest.mark.parametrize("calibrate", [False, True])
+def test_curvature_and_calibration_are_part_of_the_export(
+    own_project: Project, perform: Callable[..., Any], tmp_path: Path, past_steps: int, *, calibrate: bool
+) -> None:
+    """The files that the path types name say what the model itself says: transform, last angle, bands and score."""
+    pytest.importorskip("onnx", reason="onnx is not installed: the extra onnx")
+    path = own_project.directory / "wheelprint.toml"
+    extra = f'inputs = ["paper", "curvature"]\ncalibrate = {str(calibrate).lower()}\n'
+    text = path.read_text(encoding="utf-8").replace("past_steps = [-1, 1]\n", f"past_steps = [{past_steps}]\n{extra}")
+    path.write_text(text, encoding="utf-8")
+    project = Project(own_project.directory)
+    perform(project, [task for task in plan_training(project)[0] if task.name == f"motion_primitives/{DRIVER}"])
+    model = load_steering_model(project, DRIVER)
+    assert model.primitives.coordinates is not None
+    assert bool(model.primitives.calibrations) == calibrate
+    with np.load(project.model_folder("motion_primitives", DRIVER) / "golden.npz") as golden:
+        inputs, path_types, mean, sd = (golden[name] for name in ("input_0", "input_1", "prediction_0", "prediction_1"))
+    names = np.array([model.primitives.model_of(path_type) for path_type in path_types.tolist()])
+    score = model.primitives.domain_score(inputs, path_types)
+    list(export_models(project, tmp_path, DRIVER, "onnx"))
+    list(export_models(project, tmp_path, DRIVER, "c"))
+    stem = "motion_primitives.%E7%8E%8B%20%E5%B0%8F%E6%98%8E"
+    compared = 0
+    for name in np.unique(names).tolist():
+        own = names == name
+        expected = {"mean": mean[own], "sd": sd[own], "domain_score": score[own]}
+        header = (tmp_path / f"{stem}.{name}.h").read_text(encoding="utf-8")
+        identifier = header.split("#ifndef WHEELPRINT_")[1].split("_H\n")[0]
+        (compiled,) = run_c(tmp_path, {identifier: header}, [inputs[own]], [mean.shape[1]])
+        agree(compiled, expected, 1e-9)
+        for precision, tolerance in (("float64", 1e-9), ("float32", 1e-4)):
+            for covariance in ("", ".covariance"):
+                found = run_onnx(tmp_path / f"{stem}.{name}{covariance}.{precision}.onnx", inputs[own], precision)
+                agree(found, expected, tolerance)
+                if covariance:
+                    spread = np.sqrt(np.diagonal(found["covariance"], axis1=1, axis2=2))
+                    np.testing.assert_allclose(spread, sd[own], rtol=tolerance)
+        compared += own.sum()
+    assert compared == len(inputs)
 
 
 def regression(n: int, m: int, k: int, *, faithful: bool = False, seed: int = 0) -> MixtureRegression:

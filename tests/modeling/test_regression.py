@@ -225,17 +225,30 @@ def test_passes_scikit_learns_own_estimator_checks() -> None:
     assert clone(MixtureRegression(2, faithful=True)).get_params()["faithful"] is True
 
 
-def test_one_row_is_as_many() -> None:
+@pytest.mark.parametrize(("d", "outputs", "k"), [(60, 5, 3), (2, 1, 1), (12, 4, 9)])
+@pytest.mark.parametrize("faithful", [False, True])
+def test_one_row_is_as_many(d: int, outputs: int, k: int, *, faithful: bool) -> None:
+    """Rows of every component, rows between them, and rows far from all, where only logarithms tell them apart."""
+    mixture = random_mixture(20, d, k)
+    X = mixture.sample(40, 3)[0][:, : d - outputs]
+    X = np.concatenate([X, mixture.means_[:, : d - outputs], X[:5] + 100.0])
+    regression = MixtureRegression.from_mixture(mixture, range(d - outputs), range(d - outputs, d), faithful=faithful)
+    mean, sd = regression.predict(X, return_sd=True)
+    score = regression.domain_score(X)
+    for row, x in enumerate(X):
+        one, one_sd, one_score = regression.predict_one(x)
+        np.testing.assert_allclose(one, mean[row], rtol=1e-10, atol=1e-10)
+        np.testing.assert_allclose(one_sd, sd[row], rtol=1e-9)
+        assert one_score == pytest.approx(score[row], rel=1e-10)
+
+
+def test_single_precision_is_nearly_double() -> None:
     mixture = random_mixture(20, 60, 3)
     X = mixture.sample(40, 3)[0][:, :55]
     for faithful in (False, True):
         regression = MixtureRegression.from_mixture(mixture, range(55), range(55, 60), faithful=faithful)
         mean, sd = regression.predict(X, return_sd=True)
         single_mean, single_sd = regression.predict(X, return_sd=True, single=True)
-        for row, x in enumerate(X):
-            one, one_sd = regression.predict_one(x)
-            np.testing.assert_allclose(one, mean[row], rtol=1e-10, atol=1e-10)
-            np.testing.assert_allclose(one_sd, sd[row], rtol=1e-10)
         assert (np.abs(single_mean - mean) / sd).max() < 1e-2
         np.testing.assert_allclose(single_sd, sd, rtol=1e-2)
 

@@ -1,0 +1,33 @@
+"""In which order inputs are whitened where components are dismissed before all of their inputs are looked at."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .estimator import FloatArray
+from .windows import Rows
+
+
+def telling_first(covariances: FloatArray) -> Rows:
+    """Return the inputs in an order in which a few of them nearly say how probable each component is.
+
+    One after the other that input is taken whose variances, given those taken before, differ most among the
+    components: log of their mean above the mean of their logs.
+
+    Args:
+        covariances: Of the inputs (k, n, n).
+
+    Returns:
+        Shape (n,).
+    """
+    left = covariances.copy()
+    order: list[int] = []
+    remaining = np.arange(covariances.shape[1])
+    while len(remaining):
+        variances = np.maximum(np.diagonal(left, axis1=1, axis2=2)[:, remaining], np.finfo(np.float64).tiny)
+        differs = np.log(variances.mean(axis=0)) - np.log(variances).mean(axis=0)
+        best = int(remaining[np.argmax(np.round(differs, 9))])
+        order.append(best)
+        remaining = remaining[remaining != best]
+        left -= left[:, :, [best]] * left[:, [best], :] / left[:, [best]][:, :, [best]]
+    return np.array(order, dtype=np.intp)
