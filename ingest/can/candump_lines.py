@@ -12,8 +12,11 @@ from .text_fields import (
     EXTENDED_MASK,
     HEX,
     IS_FD_LENGTH,
+    LAST_SECOND,
     NOT_HEX,
     POINT,
+    RETURN,
+    SECOND,
     STANDARD_MASK,
     ZERO,
     Numbers,
@@ -40,6 +43,8 @@ FLAGS, FD_LENGTH, REQUEST, TAIL, LONG, CHANNELS = range(10, 16)
 _NEWLINE, _OPEN, _CLOSE, _HASH, _UNDERSCORE = 10, 40, 41, 35, 95
 _DIGITS = np.frombuffer(b"0123456789ABCDEF", np.uint8)
 _ERROR_FLAG = 0x20000000
+_SHORTEST = len(b"(1436509052.249713) a 044#")
+"""Bytes of an ordinary line, at least."""
 
 
 @njit(cache=True, nogil=True)
@@ -128,6 +133,106 @@ def _parse_tail(text: Text, p: int, stop: int) -> tuple[int, int]:
 
 
 @njit(cache=True, nogil=True)
+def _digits_at(text: Text, p: np.uint64, count: int) -> tuple[int, bool]:
+    """Return the number that `count` decimal digits at `p` are, and whether one is none."""
+    number, bad = 0, False
+    for k in range(count):
+        digit = np.int64(text[p + np.uint64(k)]) - ZERO
+        bad |= (digit < 0) | (digit > 9)
+        number = 10 * number + digit
+    return number, bad
+
+
+@njit(cache=True, nogil=True)
+def _hex_at(text: Text, p: np.uint64, count: int) -> tuple[int, int]:
+    """Return the number that `count` hex digits at `p` are, and `NOT_HEX` or more if one is none."""
+    number, seen = np.uint64(0), np.uint8(0)
+    for k in range(count):
+        digit = HEX[text[p + np.uint64(k)]]
+        seen |= digit
+        number = number << np.uint64(4) | digit
+    return number, seen
+
+
+@njit(cache=True, nogil=True)
+def _bytes_at(text: Text, p: np.uint64, count: int) -> tuple[int, int]:
+    """Return the word that `count` pairs of hex digits at `p` are, first byte lowest; else as `_hex_at`."""
+    word, seen = np.uint64(0), np.uint8(0)
+    for k in range(count):
+        high, low = HEX[text[p + np.uint64(2 * k)]], HEX[text[p + np.uint64(2 * k + 1)]]
+        seen |= high | low
+        word |= np.uint64(high << 4 | low) << np.uint64(8 * k)
+    return word, seen
+
+
+@njit(cache=True, nogil=True)
+def _enter_ordinary_lines(text: Text, ends: Numbers, number: int, found: Found) -> int:
+    """Enter lines like `(1436509052.249713) can0 044#2A366C2BBA` from `number` on up to the first one that is not so.
+
+    Nearly every line is. Without a branch at each character, and with places that the compiler knows not to be
+    negative, they take a third of the time. Nothing is said of any other line, frame or not.
+
+    Returns:
+        The number of the line it stopped at.
+    """
+    times, channels, ids, extendeds, _, _, lengths, data, _, names, _, counts = found
+    known_name, known_size, channel = np.uint64(0), 0, -1
+    row, one = counts[FRAMES], np.uint64(1)
+    while number < len(ends) and row < len(times):
+        start, stop = np.uint64(ends[number - 1] + 1 if number else 0), np.uint64(ends[number])
+        if (
+            stop < start + np.uint64(_SHORTEST)
+            or text[start] != _OPEN
+            or text[start + np.uint64(11)] != POINT
+            or text[start + np.uint64(18)] != _CLOSE
+            or text[start + np.uint64(19)] != BLANK
+        ):
+            break
+        stop -= np.uint64(text[stop - one] == RETURN)
+        seconds, no_seconds = _digits_at(text, start + one, 10)
+        fraction, no_fraction = _digits_at(text, start + np.uint64(12), 6)
+        name = p = start + np.uint64(20)
+        while p < stop and text[p] > BLANK:
+            p += one
+        size, name_stop, p = np.int64(p - name), p, p + one
+        if not 0 < size <= LONGEST_NAME or stop < p + np.uint64(4) or text[name_stop] != BLANK:
+            break
+        if text[p + np.uint64(3)] == _HASH:
+            identifier, seen = _hex_at(text, p, 3)
+            p, largest = p + np.uint64(4), STANDARD_MASK
+        elif stop >= p + np.uint64(9) and text[p + np.uint64(8)] == _HASH:
+            identifier, seen = _hex_at(text, p, 8)
+            p, largest = p + np.uint64(9), EXTENDED_MASK
+        else:
+            break
+        digits = np.int64(stop - p)
+        if digits == 16:
+            word, also_seen = _bytes_at(text, p, 8)
+        elif digits < 16 and digits % 2 == 0:
+            word, also_seen = _bytes_at(text, p, digits // 2)
+        else:
+            break
+        bad = no_seconds | no_fraction | (seen >= NOT_HEX) | (also_seen >= NOT_HEX)
+        if bad or identifier > largest or seconds > LAST_SECOND:
+            break
+        same, k = channel >= 0 and size == known_size, np.uint64(0)
+        while same and k < np.uint64(size):
+            same = text[name + k] == text[known_name + k]
+            k += one
+        if not same:
+            channel = channel_of(text, np.int64(name), np.int64(name_stop), names, counts)
+            known_name, known_size = name, size
+            if channel < 0:
+                break
+        times[row], channels[row], ids[row] = seconds * SECOND + fraction * 1000, channel, identifier
+        extendeds[row], lengths[row], data[row] = largest == EXTENDED_MASK, digits // 2, word
+        row += 1
+        number += 1
+    counts[FRAMES] = row
+    return number
+
+
+@njit(cache=True, nogil=True)
 def scan(
     text: Text,
     ends: Numbers,
@@ -141,6 +246,9 @@ def scan(
     words = np.zeros(8, np.uint64)
     payload = words.view(np.uint8)
     while number < len(ends) and has_room(times, lines, counts):
+        number = _enter_ordinary_lines(text, ends, number, found)
+        if number == len(ends) or not has_room(times, lines, counts):
+            break
         start, stop, width = line_at(text, ends, number)
         number += 1
         if start == stop:

@@ -114,17 +114,6 @@ def is_blank(character: int) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def line_ends(text: Text, ends: Numbers) -> int:
-    """Fill `ends` (one more than `text` has bytes) with the places of the line ends; return how many there are."""
-    count = 0
-    for p in range(len(text)):
-        # Without a branch: lines vary, so that the processor could not predict it.
-        ends[count] = p
-        count += text[p] == NEWLINE
-    return count
-
-
-@njit(cache=True, nogil=True)
 def line_at(text: Text, ends: Numbers, number: int) -> tuple[int, int, int]:
     """Return where line `number` starts and stops without blanks, and how many bytes it has with them."""
     start, stop = ends[number - 1] + 1 if number else 0, ends[number]
