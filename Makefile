@@ -3,7 +3,7 @@ VENV   ?= .venv
 BIN     = $(VENV)/bin
 WORKERS ?= 2
 
-.PHONY: demo test lint types bench clean
+.PHONY: demo test lint types bench bench-quick clean
 
 # Strict editable mode is what type checkers can follow; it must be made anew when files come or go.
 $(VENV)/installed: pyproject.toml constraints.txt cli schemas ingest ingest/can ingest/oxts dataset dataset/review modeling modeling/export modeling/simulation report
@@ -26,5 +26,18 @@ types: $(VENV)/installed
 	$(BIN)/mypy -p wheelprint
 	$(BIN)/mypy --explicit-package-bases tests benchmarks docs
 
+# The other tools stand in an environment of their own, so that none of them is needed elsewhere.
+$(VENV)-bench/installed: pyproject.toml constraints.txt benchmarks/peers.txt
+	test -d $(VENV)-bench || $(PYTHON) -m venv $(VENV)-bench
+	$(VENV)-bench/bin/python -m pip install --quiet --upgrade pip
+	$(VENV)-bench/bin/python -m pip install --quiet --constraint constraints.txt --requirement benchmarks/peers.txt --editable ".[mf4,onnx]"
+	touch $@
+
+bench: $(VENV)-bench/installed
+	$(VENV)-bench/bin/python -m benchmarks.run $(BENCH)
+
+bench-quick: $(VENV)/installed
+	$(BIN)/python -m benchmarks.run --quick
+
 clean:
-	rm -rf $(VENV) build *.egg-info demo
+	rm -rf $(VENV) $(VENV)-bench build *.egg-info demo

@@ -109,9 +109,9 @@ def _fields(
     for number, length in enumerate(lengths.tolist()):
         kind = {1: "switch", 2: "switch", 4: "counter", 8: "checksum"}.get(length, "sensor")
         factor, offset = ("1", "0") if kind != "sensor" else (str(rng.choice(("0.1", "0.01", "0.0625", "1"))), "0")
-        if kind == "sensor" and rng.random() < 0.3:  # noqa: PLR2004
+        if kind == "sensor" and rng.random() < 0.3:
             offset = str(rng.choice(("-40", "-1000", "0.5")))
-        signed = kind == "sensor" and bool(rng.random() < 0.5)  # noqa: PLR2004
+        signed = kind == "sensor" and bool(rng.random() < 0.5)
         yield Field(f"{name}_Signal{number}", kind, first, length, signed, factor, offset, page)
         first += length
 
@@ -120,7 +120,7 @@ def dbc(layouts: list[Message]) -> str:
     """Return the database."""
     lines = ['VERSION ""', "", "NS_ :", "", "BS_:", "", "BU_: ECU", ""]
     for message in layouts:
-        lines.append(f"BO_ {message.id | (message.id > 0x7FF) << 31} {message.name}: 8 ECU")  # noqa: PLR2004
+        lines.append(f"BO_ {message.id | (message.id > 0x7FF) << 31} {message.name}: 8 ECU")
         for field in message.fields:
             start = field.first ^ 7 if message.big_endian else field.first
             role = " M" if field.kind == "multiplexer" else "" if field.page is None else f" m{field.page}"
@@ -139,7 +139,7 @@ def frames(layouts: list[Message], seed: int, count: int) -> Iterator[FrameBatch
         data, channel = stretch.data[:size], stretch.channel[:size]
         none, eight = np.zeros(size, bool), np.full(size, 8, np.uint8)
         yield FrameBatch(
-            stretch.time[:size], channel, CHANNELS, stretch.id[:size], stretch.id[:size] > 0x7FF, none,  # noqa: PLR2004
+            stretch.time[:size], channel, CHANNELS, stretch.id[:size], stretch.id[:size] > 0x7FF, none,
             np.full(size, DATA, np.uint8), eight, data,
         )  # fmt: skip
 
@@ -161,7 +161,7 @@ def _stretch(layouts: list[Message], rng: np.random.Generator, number: int) -> _
         word = np.zeros(n, np.uint64)
         page = np.arange(n) % 4
         for field in message.fields:
-            raw = _raw(field, rng, sent * 1e-6, page)
+            raw = _raw(field, rng, sent.astype(np.float64) * 1e-6, page)
             if field.page is not None:
                 raw = np.where(page == field.page, raw, np.uint64(0))
             shift = 64 - field.first - field.length if message.big_endian else field.first
@@ -173,7 +173,9 @@ def _stretch(layouts: list[Message], rng: np.random.Generator, number: int) -> _
     return _Stretch(START + 1000 * time[order], channel[order], identifier[order], data[order])
 
 
-def _raw(field: Field, rng: np.random.Generator, seconds: npt.NDArray[np.float64], page: npt.NDArray[np.int64]) -> Words:
+def _raw(
+    field: Field, rng: np.random.Generator, seconds: npt.NDArray[np.float64], page: npt.NDArray[np.int64]
+) -> Words:
     """Return the raw values of a signal at the times it is sent."""
     n, most = len(seconds), (1 << field.length) - 1
     if field.kind == "multiplexer":
@@ -184,7 +186,7 @@ def _raw(field: Field, rng: np.random.Generator, seconds: npt.NDArray[np.float64
         return rng.integers(0, most + 1, n).astype(np.uint64)
     phase = 2 * np.pi * rng.random()
     if field.kind == "switch":
-        return (np.sin(seconds / 7 + phase) > 0.8).astype(np.uint64)  # noqa: PLR2004
+        return (np.sin(seconds / 7 + phase) > 0.8).astype(np.uint64)
     moving = 0.3 * np.sin(seconds / 5 + phase) + 0.1 * np.sin(seconds / 0.7) + rng.normal(0, 0.001, n)
     centre = 0.0 if field.signed else 0.5
     return np.rint((centre + moving) * most).astype(np.int64).view(np.uint64) & np.uint64(most)
@@ -216,8 +218,8 @@ def write_blf(path: Path, batches: Iterator[FrameBatch]) -> None:
         unpacked = objects = 0
         for batch in batches:
             content = np.zeros(len(batch), record)
-            content["signature"], content["header"], content["version"], content["size"] = b"LOBJ", 32, 1, record.itemsize
-            content["type"], content["flags"], content["dlc"] = 1, 2, 8
+            content["signature"], content["header"], content["version"] = b"LOBJ", 32, 1
+            content["size"], content["type"], content["flags"], content["dlc"] = record.itemsize, 1, 2, 8
             content["time"], content["channel"] = batch.time - START, batch.channel + 1
             content["id"], content["data"] = batch.id | batch.extended.astype(np.uint32) << 31, batch.data
             unpacked, objects = unpacked + content.nbytes, objects + len(batch)
@@ -231,7 +233,8 @@ def write_blf(path: Path, batches: Iterator[FrameBatch]) -> None:
         begun = np.datetime64(START, "ns").astype("M8[ms]").item()
         date = (begun.year, begun.month, begun.isoweekday() % 7, begun.day, begun.hour, begun.minute, begun.second, 0)
         file.seek(0)
-        file.write(struct.pack("<4sIBBBBBBBBQQII8H8H", b"LOGG", 144, 5, 0, 0, 0, 2, 6, 8, 1, size, unpacked, objects, 0, *date, *date))
+        sizes = (144, 5, 0, 0, 0, 2, 6, 8, 1, size, unpacked, objects, 0)
+        file.write(struct.pack("<4sIBBBBBBBBQQII8H8H", b"LOGG", *sizes, *date, *date))
 
 
 def write_mf4(path: Path, batches: Iterator[FrameBatch]) -> None:

@@ -22,6 +22,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,7 @@ from wheelprint.modeling.motion_primitives import EVERYTHING, fit_motion_primiti
 from wheelprint.modeling.simulation.campaign import draw_campaign, drive_trip
 
 Floats = NDArray[np.float64]
+Call = dict[str, Any]
 
 PAST_STEPS, FUTURE_STEPS = 1, 50
 SHRINKAGE = 30.0
@@ -131,12 +133,53 @@ def time_c(header: str, inputs: Floats, rounds: int, level: str) -> Floats:
         )
 
 
-def show(what: str, took: Floats) -> float:
-    """Print the figures of a measurement (rounds, n_inputs) in µs and return its p99."""
+def figures(components: int, what: str, took: Floats, limit: float | None) -> Call:
+    """Print and return the figures of a measurement (rounds, n_inputs) in µs."""
     p50, p99 = (float(np.nanpercentile(took, share, axis=1).min()) for share in (50, 99))
     fastest = float(np.nanpercentile(np.nanmin(took, axis=0), 99))
     print(f"  {what:<36} p50 {p50:6.1f}   p99 {p99:6.1f}   fastest {fastest:6.1f} µs", flush=True)
-    return p99
+    return {"components": components, "what": what, "p50": p50, "p99": p99, "fastest": fastest, "limit": limit}
+
+
+def run(
+    components: Sequence[int] = (3, 9),
+    inputs: int = 500,
+    rounds: int = 20,
+    minutes: float = 40.0,
+    levels: Sequence[str] = ("O2", "O3"),
+) -> dict[str, list[Call]]:
+    """Measure; return `calls`: what was called with how many components, its figures in µs, and the limit of p99."""
+    import onnxruntime
+
+    given, outputs = windows(minutes)
+    path_types = np.full(len(given), "1-1-1")
+    sample = given[np.linspace(0, len(given) - 1, inputs).astype(int)]
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    precisions: tuple[Precision, ...] = ("float64", "float32")
+    calls: list[Call] = []
+    for wanted in components:
+        with one_thread():
+            regression = fit_motion_primitives(
+                given, outputs, path_types, n1=1, components=wanted, shrinkage=SHRINKAGE
+            ).regressions[EVERYTHING]
+        k = len(regression.mixture_.weights_)
+        print(f"\nK = {k}, learnt from {len(given)} windows")
+        plain = PlainRegression.of([regression])
+        for precision in precisions:
+            for covariance in (False, True):
+                model = onnx_model(plain, "bench", precision, {}, covariance=covariance).SerializeToString()
+                session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+                took = time_onnx(session, sample.astype(precision), rounds)
+                limit = LIMITS["ONNX"] if precision == "float64" and not covariance else None
+                calls.append(figures(k, f"ONNX {precision}{', with covariance' if covariance else ''}", took, limit))
+        header = c_header(plain, "bench", ["Benchmark"], [], "mean and variance")
+        everything = header.replace(f"best - {NEGLIGIBLE}", "best - 1e300").replace(f"> -{NEGLIGIBLE} ?", "> -1e300 ?")
+        for level in levels:
+            calls.append(figures(k, f"C, gcc -{level}", time_c(header, sample, rounds, level), LIMITS["C"]))
+            took = time_c(everything, sample, rounds, level)
+            calls.append(figures(k, f"C, gcc -{level}, nothing left out", took, None))
+    return {"calls": calls}
 
 
 def main() -> int:
@@ -148,36 +191,8 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=40.0)
     parser.add_argument("--optimise", nargs="+", default=["O2", "O3"])
     chosen = parser.parse_args()
-    import onnxruntime
-
-    inputs, outputs = windows(chosen.minutes)
-    path_types = np.full(len(inputs), "1-1-1")
-    sample = inputs[np.linspace(0, len(inputs) - 1, chosen.inputs).astype(int)]
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    precisions: tuple[Precision, ...] = ("float64", "float32")
-    holds = True
-    for components in chosen.components:
-        with one_thread():
-            regression = fit_motion_primitives(
-                inputs, outputs, path_types, n1=1, components=components, shrinkage=SHRINKAGE
-            ).regressions[EVERYTHING]
-        print(f"\nK = {len(regression.mixture_.weights_)}, learnt from {len(inputs)} windows")
-        plain = PlainRegression.of([regression])
-        for precision in precisions:
-            for covariance in (False, True):
-                model = onnx_model(plain, "bench", precision, {}, covariance=covariance).SerializeToString()
-                session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
-                took = time_onnx(session, sample.astype(precision), chosen.rounds)
-                p99 = show(f"ONNX {precision}{', with covariance' if covariance else ''}", took)
-                holds &= p99 < LIMITS["ONNX"] or precision == "float32" or covariance
-        header = c_header(plain, "bench", ["Benchmark"], [], "mean and variance")
-        for level in chosen.optimise:
-            holds &= show(f"C, gcc -{level}", time_c(header, sample, chosen.rounds, level)) < LIMITS["C"]
-            everything = header.replace(f"best - {NEGLIGIBLE}", "best - 1e300").replace(
-                f"> -{NEGLIGIBLE} ?", "> -1e300 ?"
-            )
-            show(f"C, gcc -{level}, nothing left out", time_c(everything, sample, chosen.rounds, level))
+    calls = run(chosen.components, chosen.inputs, chosen.rounds, chosen.minutes, chosen.optimise)["calls"]
+    holds = all(call["limit"] is None or call["p99"] < call["limit"] for call in calls)
     print("\nwithin the limits" if holds else "\nNOT within the limits")
     return 0 if holds else 1
 

@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 from collections import Counter
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ..schemas.project import encode_name
 from ..schemas.store import parquet_writer, publish
 from .account import Account
 from .can.database import Database
-from .can.decode import decode_message, message_schema, split_by_message
+from .can.decode import MessageDecoder, decode_message, decoder_of, split_by_message
 from .can.frames import ERROR, REMOTE, FrameBatch
 from .readers import FrameReader
 from .stamps import Stamps
 
-BUFFERED_BYTES = 64 << 20
+BUFFERED_BYTES = 16 << 20
+"""Of frames, that wait for being decoded: what is written at once compresses better and faster."""
+OTHER_BYTES = 17
+"""Of a frame, beside its payload."""
+COLUMNS_BYTES = 8 << 20
+"""Of a message's columns, decoded and written at once."""
 
 
 @dataclass(slots=True)
@@ -64,16 +69,22 @@ def decode_log(reader: FrameReader, account: Account, database: Database, folder
         InputError: The log is damaged in a way that its reader cannot go on from; nothing is published.
     """
     decoded = DecodedLog()
+    decoders: dict[str, MessageDecoder] = {}
     writers: dict[str, pq.ParquetWriter] = {}
-    waiting: dict[str, list[pa.RecordBatch]] = {}
+    waiting: dict[str, list[FrameBatch]] = {}
+    buffered = 0
     with ExitStack() as drafts:
+        # Arrow and compiled code run beside the reader's: while one lot is decoded and written, the next one is read.
+        thread = drafts.enter_context(ThreadPoolExecutor(1))
+        writing: Future[None] | None = None
 
-        def flush() -> None:
-            for name, batches in waiting.items():
-                schema = writers[name].schema
-                table = pa.Table.from_batches(batches).replace_schema_metadata(schema.metadata)
-                writers[name].write_table(table)
-            waiting.clear()
+        def write(lot: dict[str, list[FrameBatch]]) -> None:
+            for name, parts in lot.items():
+                frames, decoder, writer = FrameBatch.join(parts), decoders[name], writers[name]
+                size = max(COLUMNS_BYTES // (8 * len(decoder.schema)), 1)
+                for first in range(0, len(frames), size):
+                    rows = decode_message(decoder, frames.take(slice(first, first + size)))
+                    writer.write_batch(rows.replace_schema_metadata(writer.schema.metadata))
 
         for batch in reader.batches(account):
             if len(batch) == 0:
@@ -82,19 +93,25 @@ def decode_log(reader: FrameReader, account: Account, database: Database, folder
             known, unknown = split_by_message(batch, database)
             for (identifier, extended), frames in unknown.items():
                 decoded.unknown[f"0x{identifier:08X}x" if extended else f"0x{identifier:03X}"] += frames
-            for layout, rows in known:
+            for layout, part in known:
                 if layout.name not in writers:
                     path = signal_file(folder, log, layout.name)
-                    schema = message_schema(layout)
-                    schema = schema.with_metadata({**schema.metadata, "source": log, "clock": "logger"})
+                    decoder = decoders[layout.name] = decoder_of(layout)
+                    schema = decoder.schema.with_metadata({**decoder.schema.metadata, "source": log, "clock": "logger"})
                     decoded.files[layout.name] = path
                     draft = drafts.enter_context(publish(path))
                     writers[layout.name] = drafts.enter_context(parquet_writer(draft, schema))
-                decoded.rows[layout.name] += len(rows)
-                waiting.setdefault(layout.name, []).append(decode_message(layout, batch, rows))
-            if sum(rows.nbytes for batches in waiting.values() for rows in batches) > BUFFERED_BYTES:
-                flush()
-        flush()
+                decoded.rows[layout.name] += len(part)
+                waiting.setdefault(layout.name, []).append(part)
+            buffered += batch.data.nbytes + len(batch) * OTHER_BYTES
+            if buffered > BUFFERED_BYTES:
+                if writing is not None:
+                    writing.result()
+                writing = thread.submit(write, waiting)
+                waiting, buffered = {}, 0
+        if writing is not None:
+            writing.result()
+        write(waiting)
     return decoded
 
 

@@ -64,13 +64,15 @@ def locked(folder: Path) -> Iterator[None]:
 def parquet_writer(path: Path, schema: pa.Schema) -> pq.ParquetWriter:
     """Open a Parquet writer with the settings that measured best: see the design, "Work and files"."""
     plain = [f.name for f in schema if not (pa.types.is_string(f.type) or pa.types.is_dictionary(f.type))]
+    floats = [f.name for f in schema if pa.types.is_floating(f.type)]
+    steps = [f.name for f in schema if pa.types.is_timestamp(f.type) or pa.types.is_integer(f.type)]
     return pq.ParquetWriter(
         path,
         schema,
         compression="zstd",
         compression_level=1,
         use_dictionary=[f.name for f in schema if f.name not in plain],
-        column_encoding={"time": "DELTA_BINARY_PACKED"} if "time" in plain else None,
+        column_encoding=dict.fromkeys(steps, "DELTA_BINARY_PACKED") | dict.fromkeys(floats, "BYTE_STREAM_SPLIT"),
         write_page_checksum=True,
     )
 

@@ -137,14 +137,14 @@ def _digits_at(text: Text, p: np.uint64, count: int) -> tuple[int, bool]:
     """Return the number that `count` decimal digits at `p` are, and whether one is none."""
     number, bad = 0, False
     for k in range(count):
-        digit = np.int64(text[p + np.uint64(k)]) - ZERO
+        digit = int(np.int64(text[p + np.uint64(k)])) - ZERO
         bad |= (digit < 0) | (digit > 9)
         number = 10 * number + digit
     return number, bad
 
 
 @njit(cache=True, nogil=True)
-def _hex_at(text: Text, p: np.uint64, count: int) -> tuple[int, int]:
+def _hex_at(text: Text, p: np.uint64, count: int) -> tuple[np.uint64, np.uint8]:
     """Return the number that `count` hex digits at `p` are, and `NOT_HEX` or more if one is none."""
     number, seen = np.uint64(0), np.uint8(0)
     for k in range(count):
@@ -155,7 +155,7 @@ def _hex_at(text: Text, p: np.uint64, count: int) -> tuple[int, int]:
 
 
 @njit(cache=True, nogil=True)
-def _bytes_at(text: Text, p: np.uint64, count: int) -> tuple[int, int]:
+def _bytes_at(text: Text, p: np.uint64, count: int) -> tuple[np.uint64, np.uint8]:
     """Return the word that `count` pairs of hex digits at `p` are, first byte lowest; else as `_hex_at`."""
     word, seen = np.uint64(0), np.uint8(0)
     for k in range(count):
@@ -194,7 +194,7 @@ def _enter_ordinary_lines(text: Text, ends: Numbers, number: int, found: Found) 
         name = p = start + np.uint64(20)
         while p < stop and text[p] > BLANK:
             p += one
-        size, name_stop, p = np.int64(p - name), p, p + one
+        size, name_stop, p = int(np.int64(p - name)), p, p + one
         if not 0 < size <= LONGEST_NAME or stop < p + np.uint64(4) or text[name_stop] != BLANK:
             break
         if text[p + np.uint64(3)] == _HASH:
@@ -205,7 +205,7 @@ def _enter_ordinary_lines(text: Text, ends: Numbers, number: int, found: Found) 
             p, largest = p + np.uint64(9), EXTENDED_MASK
         else:
             break
-        digits = np.int64(stop - p)
+        digits = int(np.int64(stop - p))
         if digits == 16:
             word, also_seen = _bytes_at(text, p, 8)
         elif digits < 16 and digits % 2 == 0:
@@ -215,12 +215,12 @@ def _enter_ordinary_lines(text: Text, ends: Numbers, number: int, found: Found) 
         bad = no_seconds | no_fraction | (seen >= NOT_HEX) | (also_seen >= NOT_HEX)
         if bad or identifier > largest or seconds > LAST_SECOND:
             break
-        same, k = channel >= 0 and size == known_size, np.uint64(0)
+        same, k = bool(channel >= 0 and size == known_size), np.uint64(0)
         while same and k < np.uint64(size):
-            same = text[name + k] == text[known_name + k]
+            same = bool(text[name + k] == text[known_name + k])
             k += one
         if not same:
-            channel = channel_of(text, np.int64(name), np.int64(name_stop), names, counts)
+            channel = channel_of(text, int(np.int64(name)), int(np.int64(name_stop)), names, counts)
             known_name, known_size = name, size
             if channel < 0:
                 break

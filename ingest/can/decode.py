@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -37,52 +39,108 @@ def decode(frames: pa.Table | FrameBatch, database: Database | str | Path) -> di
         database = load_database([str(database)], Path())
     batch = frames if isinstance(frames, FrameBatch) else FrameBatch.from_arrow(frames)
     groups, _ = split_by_message(batch, database)
-    return {layout.name: pa.Table.from_batches([decode_message(layout, batch, rows)]) for layout, rows in groups}
+    return {layout.name: pa.Table.from_batches([decode_message(decoder_of(layout), part)]) for layout, part in groups}
 
 
 def split_by_message(
     batch: FrameBatch, database: Database
-) -> tuple[list[tuple[MessageLayout, npt.NDArray[np.intp]]], Counter[tuple[int, bool]]]:
+) -> tuple[list[tuple[MessageLayout, FrameBatch]], Counter[tuple[int, bool]]]:
     """Group data frames by message; remote and error frames carry no signals and are left aside.
 
     Returns:
-        Messages that occur, in the database's order, each with the ascending indexes of its frames; and how many
+        Messages that occur, in the database's order, each with its frames in the order of the batch; and how many
         frames no message stands for, by identifier and whether it is extended.
     """
+    from .signal_bits import rows_by_group
+
     messages = database.messages
-    rows = np.flatnonzero(batch.kind == DATA)
-    identifiers, extended = batch.id[rows], batch.extended[rows]
+    unknown, no_data = len(messages), len(messages) + 1
     if all(message.channel is None for message in messages):
-        group = find_messages(messages, identifiers, extended, "")
+        group = find_messages(messages, batch.id, batch.extended, "")
     else:
-        group = np.full(len(rows), len(messages), np.uint16)
+        group = np.full(len(batch), unknown, np.uint16)
         for index, channel in enumerate(batch.channels):
-            here = np.flatnonzero(batch.channel[rows] == index)
-            group[here] = find_messages(messages, identifiers[here], extended[here], channel)
-    # numpy sorts 16-bit integers by counting, in linear time.
-    rows = rows[np.argsort(group, kind="stable")]
-    counts = np.bincount(group, minlength=len(messages) + 1)
-    parts = np.split(rows, np.cumsum(counts)[:-1])
-    others = group == len(messages)
-    keys = identifiers[others] | extended[others].astype(np.int64) << 32
-    unknown, frames = np.unique(keys, return_counts=True)
+            here = np.flatnonzero(batch.channel == index)
+            group[here] = find_messages(messages, batch.id[here], batch.extended[here], channel)
+    group[batch.kind != DATA] = no_data
+    rows, begins = rows_by_group(group, no_data + 1)
+    ordered = batch.take(rows)
+    parts = [ordered.take(slice(*ends)) for ends in pairwise(begins.tolist())]
+    identifiers = parts[unknown].id | parts[unknown].extended.astype(np.int64) << 32
+    keys, frames = np.unique(identifiers, return_counts=True)
     return (
         [(layout, part) for layout, part in zip(messages, parts, strict=False) if len(part)],
-        Counter({(int(key) & 0xFFFFFFFF, bool(key >> 32)): int(n) for key, n in zip(unknown, frames, strict=True)}),
+        Counter({(int(key) & 0xFFFFFFFF, bool(key >> 32)): int(n) for key, n in zip(keys, frames, strict=True)}),
     )
 
 
-def decode_message(layout: MessageLayout, batch: FrameBatch, rows: npt.NDArray[np.intp]) -> pa.RecordBatch:
-    """Return the frames `rows` of a batch, all of one message, in the schema `message_schema`."""
-    schema = message_schema(layout)
-    signals = decode_payloads(layout, batch.data.take(rows, axis=0), batch.length[rows])
-    channels = pa.array(batch.channels, pa.string()).take(pa.array(batch.channel[rows]))
-    addresses = [
-        pa.array((batch.id[rows] >> shift).astype(np.uint8)) for shift in (0, 8)[: len(_address_fields(layout))]
-    ]
-    return pa.RecordBatch.from_arrays(
-        [pa.array(batch.time[rows], schema.field("time").type), channels, *addresses, *signals.values()], schema=schema
+@dataclass(frozen=True, slots=True)
+class MessageDecoder:
+    """A message and what is known of its columns before its first frame; see `decoder_of`.
+
+    Attributes:
+        layout: The message.
+        schema: That of its decoded frames.
+        kinds: Types of the signals' columns.
+        by_bits: Which of them compiled code only gets the bits of.
+        places: (signals, 5), as `signal_bits.columns` takes it, and so the following ones.
+        numbers: (signals, 2).
+        integers: (signals, 2).
+        multiplexers: By name of a multiplexer: the row behind those of the signals that holds its bits.
+    """
+
+    layout: MessageLayout
+    schema: pa.Schema
+    kinds: tuple[pa.DataType, ...]
+    by_bits: tuple[bool, ...]
+    places: npt.NDArray[np.int64]
+    numbers: npt.NDArray[np.float64]
+    integers: npt.NDArray[np.uint64]
+    multiplexers: dict[str, int]
+
+
+def decoder_of(layout: MessageLayout) -> MessageDecoder:
+    """Return what decodes a message."""
+    from .signal_bits import BITS, INTEGER, NUMBER
+
+    by_name = {signal.name: signal for signal in layout.signals}
+    kinds = tuple(value_type(signal) for signal in layout.signals)
+    multiplexers = dict.fromkeys(signal.multiplexer for signal in layout.signals if signal.multiplexer is not None)
+    by_bits = tuple(_needs_python(signal, kind) for signal, kind in zip(layout.signals, kinds, strict=True))
+    wanted = [
+        (signal, BITS if bits else INTEGER if pa.types.is_integer(kind) else NUMBER)
+        for signal, kind, bits in zip(layout.signals, kinds, by_bits, strict=True)
+    ] + [(by_name[name], BITS) for name in multiplexers]
+    places = [
+        # Of more than 64 bits there is nothing here; see `_long_bits`.
+        (signal.first_bit, min(signal.length, 64), signal.big_endian, signal.signed, kind) for signal, kind in wanted
+    ]  # fmt: skip
+    return MessageDecoder(
+        layout,
+        message_schema(layout),
+        kinds,
+        by_bits,
+        np.array(places, np.int64).reshape(-1, 5),
+        np.array([(s.scale, s.offset) for s, _ in wanted], np.float64).reshape(-1, 2),
+        np.array(
+            [(int(s.scale) % 2**64, int(s.offset) % 2**64) if k == INTEGER else (0, 0) for s, k in wanted], np.uint64
+        ).reshape(-1, 2),
+        {name: len(kinds) + number for number, name in enumerate(multiplexers)},
     )
+
+
+def decode_message(decoder: MessageDecoder, frames: FrameBatch) -> pa.RecordBatch:
+    """Return frames, all of one message, in the schema `message_schema`."""
+    schema, count = decoder.schema, len(frames)
+    time = pa.Array.from_buffers(schema.field("time").type, count, [None, pa.py_buffer(frames.time)], 0)
+    if count and (frames.channel == frames.channel[0]).all():
+        channels = pa.repeat(frames.channels[frames.channel[0]], count)
+    else:
+        channels = pa.array(frames.channels, pa.string()).take(pa.array(frames.channel))
+    fields = _address_fields(decoder.layout)
+    addresses = [pa.array((frames.id >> shift).astype(np.uint8)) for shift in (0, 8)[: len(fields)]]
+    signals = _decode(decoder, frames.data, frames.length)
+    return pa.RecordBatch.from_arrays([time, channels, *addresses, *signals], schema=schema)
 
 
 def message_schema(layout: MessageLayout) -> pa.Schema:
@@ -175,92 +233,87 @@ def decode_payloads(
     Returns:
         By column, in the database's order: (n,) physical values.
     """
-    words = _Words(data)
-    shortest = int(length.min(initial=data.shape[1]))
-    by_name = {signal.name: signal for signal in layout.signals}
-    absences: dict[str, npt.NDArray[np.bool_] | None] = {}
+    decoded = _decode(decoder_of(layout), data, length)
+    return dict(zip((signal.column for signal in layout.signals), decoded, strict=True))
 
-    def absence(signal: SignalLayout) -> npt.NDArray[np.bool_] | None:
-        """Return where a signal is not there, or None where it is everywhere."""
-        if signal.name not in absences:
-            stop = signal.first_bit + signal.length
-            absent = None if stop <= 8 * shortest else length.astype(np.int32) * 8 < stop
-            if signal.multiplexer is not None:
-                multiplexer = by_name[signal.multiplexer]
-                values = np.array(signal.multiplexer_values, np.uint64)
-                for other in (np.isin(words.bits(multiplexer), values, invert=True), absence(multiplexer)):
-                    absent = other if absent is None else absent if other is None else absent | other
-            absences[signal.name] = absent
-        return absences[signal.name]
 
-    columns = {}
-    for signal in layout.signals:
-        kind, absent = value_type(signal), absence(signal)
+def _decode(decoder: MessageDecoder, data: npt.NDArray[np.uint8], length: npt.NDArray[np.uint8]) -> list[pa.Array]:
+    """Return the columns of a message's signals, in the database's order."""
+    from .signal_bits import columns
+
+    signals = decoder.layout.signals
+    payloads = np.ascontiguousarray(data).view("<u8").astype(np.uint64, copy=False)
+    values = columns(payloads, decoder.places, decoder.numbers, decoder.integers)
+    absences = _absences(decoder, values, length)
+
+    decoded = []
+    for signal, kind, by_bits, column in zip(signals, decoder.kinds, decoder.by_bits, values, strict=False):
+        absent = absences[signal.name]
+        if not by_bits and absent is None:
+            decoded.append(pa.Array.from_buffers(kind, len(column), [None, pa.py_buffer(column)], 0))
+            continue
         if pa.types.is_fixed_size_binary(kind):
-            values: npt.NDArray[Any] = _long_bits(signal, data)
+            physical: npt.NDArray[Any] = _long_bits(signal, data)
+        elif by_bits:
+            physical = _physical(signal, column)
         else:
-            values = _physical(signal, words.bits(signal), kind)
+            physical = column.view(kind.to_pandas_dtype())
         if signal.is_float:
-            missing = np.isnan(values)
+            missing = np.isnan(physical)
             absent = missing if absent is None else absent | missing
-        columns[signal.column] = pa.array(values, kind, mask=absent)
-    return columns
+        decoded.append(pa.array(physical, kind, mask=absent))
+    return decoded
 
 
-class _Words:
-    """Payloads as columns of 64-bit words in both byte orders; the words are made when they are first asked for."""
-
-    def __init__(self, data: npt.NDArray[np.uint8]) -> None:
-        self._data = np.ascontiguousarray(data)
-        self._words: dict[bool, npt.NDArray[np.uint64]] = {}
-
-    def bits(self, signal: SignalLayout) -> npt.NDArray[np.uint64]:
-        """Return the (n,) bits of a signal of up to 64 as unsigned numbers; zeros where it is outside all payloads."""
-        n, width = self._data.shape
-        if signal.first_bit + signal.length > 8 * width:
-            return np.zeros(n, np.uint64)
-        if signal.big_endian not in self._words:
-            words = self._data.view(">u8" if signal.big_endian else "<u8").astype(np.uint64)
-            self._words[signal.big_endian] = np.ascontiguousarray(words.T)
-        words = self._words[signal.big_endian]
-        word, shift = divmod(signal.first_bit, 64)
-        beyond = shift + signal.length - 64
-        bits: npt.NDArray[np.uint64]
-        if signal.big_endian:
-            bits = words[word] << np.uint64(shift)
-            if beyond > 0:
-                bits |= words[word + 1] >> np.uint64(64 - shift)
-            bits >>= np.uint64(64 - signal.length)
-        else:
-            bits = words[word] >> np.uint64(shift)
-            if beyond > 0:
-                bits |= words[word + 1] << np.uint64(64 - shift)
-            bits &= np.uint64((1 << signal.length) - 1)
-        return bits
+def _absences(
+    decoder: MessageDecoder, values: npt.NDArray[np.uint64], length: npt.NDArray[np.uint8]
+) -> dict[str, npt.NDArray[np.bool_] | None]:
+    """Return by signal in which frames it is not there; None: it is in all."""
+    absences: dict[str, npt.NDArray[np.bool_] | None] = {}
+    shortest = int(length.min(initial=64))
+    selections: dict[tuple[str, tuple[int, ...]], npt.NDArray[np.bool_]] = {}
+    by_name = {signal.name: signal for signal in decoder.layout.signals}
+    left = list(reversed(decoder.layout.signals))
+    while left:
+        signal = left.pop()
+        if signal.multiplexer is not None and signal.multiplexer not in absences:
+            left += [signal, by_name[signal.multiplexer]]
+            continue
+        stop = signal.first_bit + signal.length
+        absent = None if stop <= 8 * shortest else length.astype(np.int32) * 8 < stop
+        if signal.multiplexer is not None:
+            key = (signal.multiplexer, signal.multiplexer_values)
+            if key not in selections:
+                bits = values[decoder.multiplexers[signal.multiplexer]]
+                selections[key] = np.isin(bits, np.array(signal.multiplexer_values, np.uint64), invert=True)
+            for other in (selections[key], absences[signal.multiplexer]):
+                absent = other if absent is None else absent if other is None else absent | other
+        absences[signal.name] = absent
+    return absences
 
 
-def _physical(signal: SignalLayout, bits: npt.NDArray[np.uint64], kind: pa.DataType) -> npt.NDArray[np.generic]:
-    scale, offset, identity = signal.scale, signal.offset, signal.scale == 1 and signal.offset == 0
+def _needs_python(signal: SignalLayout, kind: pa.DataType) -> bool:
+    """Tell whether compiled code gets a signal's bits only: IEEE 754, more than 64 of them, or beyond float64's 53."""
+    if signal.is_float or signal.length > 64:
+        return True
+    largest = max(map(abs, raw_range(signal))) * abs(signal.scale)
+    return pa.types.is_floating(kind) and isinstance(signal.scale, int) and largest > _EXACT
+
+
+def _physical(signal: SignalLayout, bits: npt.NDArray[np.uint64]) -> npt.NDArray[np.float64]:
+    scale, offset = signal.scale, signal.offset
     if signal.is_float:
         size = signal.length // 8
         # Any bits may come: a signalling NaN or a product beyond float64 is no reason to warn.
         with np.errstate(all="ignore"):
             floats = bits.astype(f"u{size}").view(f"f{size}").astype(np.float64)
-            return floats if identity else floats * float(scale) + float(offset)
+            return floats if scale == 1 and offset == 0 else floats * float(scale) + float(offset)
     raw: npt.NDArray[np.int64] | npt.NDArray[np.uint64] = bits
     if signal.signed:
         spare = np.int64(64 - signal.length)
         raw = bits.view(np.int64) << spare >> spare
-    if pa.types.is_integer(kind):
-        # Modulo 2^64 the result is right whatever lies between, because it fits.
-        modulo = raw.view(np.uint64)
-        if not identity:
-            modulo = modulo * np.uint64(int(scale) % 2**64) + np.uint64(int(offset) % 2**64)
-        return modulo.view(kind.to_pandas_dtype())
-    if isinstance(scale, int) and max(map(abs, raw_range(signal))) * abs(scale) > _EXACT:
-        # The product must not be rounded before the offset is added; Python's integers do not.
-        return (raw.astype(object) * scale + offset).astype(np.float64)
-    return raw.astype(np.float64) * float(scale) + float(offset)
+    # The product must not be rounded before the offset is added; Python's integers do not.
+    return (raw.astype(object) * scale + offset).astype(np.float64)
 
 
 def _long_bits(signal: SignalLayout, data: npt.NDArray[np.uint8]) -> npt.NDArray[np.object_]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -42,6 +44,40 @@ class FrameBatch:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    def take(self, rows: npt.NDArray[np.intp] | slice) -> FrameBatch:
+        """Return some frames, in the order of `rows`."""
+
+        def of(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+            return array[rows] if isinstance(rows, slice) else array.take(rows, axis=0)
+
+        return FrameBatch(
+            of(self.time), of(self.channel), self.channels, of(self.id), of(self.extended), of(self.fd), of(self.kind),
+            of(self.length), of(self.data),
+        )  # fmt: skip
+
+    @staticmethod
+    def join(batches: Sequence[FrameBatch]) -> FrameBatch:
+        """Return the frames of at least one batch, one batch behind the other."""
+        if len(batches) == 1:
+            return batches[0]
+        channels = tuple(dict.fromkeys(name for batch in batches for name in batch.channels))
+        width = max(batch.data.shape[1] for batch in batches)
+
+        def joined(name: str) -> npt.NDArray[Any]:
+            return np.concatenate([getattr(batch, name) for batch in batches])
+
+        return FrameBatch(
+            joined("time"),
+            np.concatenate([_renumber(batch.channel, batch.channels, channels) for batch in batches]),
+            channels,
+            joined("id"),
+            joined("extended"),
+            joined("fd"),
+            joined("kind"),
+            joined("length"),
+            np.concatenate([_widen(batch.data, width) for batch in batches]),
+        )
 
     def to_arrow(self) -> pa.RecordBatch:
         """Return the batch in the schema `FRAMES`."""
@@ -93,3 +129,14 @@ class FrameBatch:
             length=length,
             data=data,
         )
+
+
+def _renumber(numbers: npt.NDArray[np.int16], names: tuple[str, ...], wanted: tuple[str, ...]) -> npt.NDArray[np.int16]:
+    """Return indexes into `wanted` for indexes into `names`."""
+    if names == wanted[: len(names)]:
+        return numbers
+    return np.array([wanted.index(name) for name in names], np.int16)[numbers]
+
+
+def _widen(data: npt.NDArray[np.uint8], width: int) -> npt.NDArray[np.uint8]:
+    return data if data.shape[1] == width else np.pad(data, ((0, 0), (0, width - data.shape[1])))

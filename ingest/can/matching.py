@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 ANY_SOURCE = 0xFE
 """Null address: a message that a database writes with it may come from anyone."""
 
+_STANDARD_IDS = 0x800
 _ADDRESSED = 0x03FF_FFFF  # an identifier without its priority
 _BY_ADDRESS, _BY_GROUP = 2 << 32, 3 << 32  # beside plain identifiers, below 2 << 32
 
@@ -81,21 +82,27 @@ def find_messages(
         else:
             key = message.id & _ADDRESSED | _BY_ADDRESS
         keys.setdefault(key, index)
-    found = np.full(len(identifiers), len(messages), np.uint16)
-    if not keys:
+    standard = np.full(_STANDARD_IDS + 1, len(messages), np.uint16)
+    for key, index in keys.items():
+        if key < _STANDARD_IDS:
+            standard[key] = index
+    found = standard[np.minimum(identifiers, _STANDARD_IDS)]
+    rows = np.flatnonzero(extended)
+    found[rows] = len(messages)
+    if not keys or not len(rows):
         return found
     known = np.array(sorted(keys), np.int64)
     indexes = np.array([keys[key] for key in known.tolist()], np.uint16)
+    numbers = identifiers[rows].astype(np.int64)
 
-    def look_up(rows: npt.NDArray[np.intp] | slice, wanted: npt.NDArray[np.int64]) -> None:
+    def look_up(rows: npt.NDArray[np.intp], wanted: npt.NDArray[np.int64]) -> None:
         place = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
         found[rows] = np.where(known[place] == wanted, indexes[place], found[rows])
 
-    numbers = identifiers.astype(np.int64)
-    look_up(slice(None), numbers | extended.astype(np.int64) << 32)
+    look_up(rows, numbers | 1 << 32)
     for kind in (_BY_ADDRESS, _BY_GROUP):
         if any(key & _BY_GROUP == kind for key in keys):
-            rows = np.flatnonzero(extended & (found == len(messages)))
-            wanted = numbers[rows] & _ADDRESSED if kind == _BY_ADDRESS else _groups(numbers[rows])
-            look_up(rows, wanted | kind)
+            left = found[rows] == len(messages)
+            wanted = numbers[left] & _ADDRESSED if kind == _BY_ADDRESS else _groups(numbers[left])
+            look_up(rows[left], wanted | kind)
     return found

@@ -44,6 +44,7 @@ def test_tables_are_stored_as_the_design_says(tmp_path: Path) -> None:
     assert {c.compression for c in columns.values()} == {"ZSTD"}
     assert "DELTA_BINARY_PACKED" in columns["time"].encodings
     assert not any("DICTIONARY" in encoding for encoding in columns["speed"].encodings)
+    assert "BYTE_STREAM_SPLIT" in columns["speed"].encodings
     assert read_table(tmp_path / "a.parquet").equals(table())
 
 

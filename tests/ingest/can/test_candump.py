@@ -190,6 +190,30 @@ def test_agrees_with_a_regular_expression(
     assert account.rejected == (not expected and line.strip(b" \t\r") != b"")
 
 
+ORDINARY = (
+    b"(1436509052.249713) can0 044#2A366C2BBA",
+    b"(9223372035.999999) vcan0 7FF#1122334455667788",
+    b"(0000000000.000001) c 00000123#",
+)
+
+
+@given(
+    st.lists(st.sampled_from(ORDINARY), min_size=1, max_size=4),
+    st.lists(st.tuples(st.integers(0, 200), st.sampled_from(b"0123456789afAF()#._ \tR\r\nT/:@G`g\xe7")), max_size=3),
+)
+def test_an_ordinary_line_says_what_it_says_with_a_blank_before_it(
+    tmp_path_factory: pytest.TempPathFactory, lines: list[bytes], edits: list[tuple[int, int]]
+) -> None:
+    content = bytearray(b"\n".join(lines) + b"\n")
+    for place, byte in edits:
+        content[place % (len(content) - 1)] = byte
+    folder = tmp_path_factory.mktemp("candump")
+    frames, account = read(folder, bytes(content))
+    # No line that begins with a blank is an ordinary one; the exact walk, which reads those, is tested above.
+    exact = read(folder, b"".join(b" " + line + b"\n" for line in content.split(b"\n")[:-1]), "blanks.log")
+    assert (frames, account) == exact
+
+
 batches = st.lists(
     st.tuples(
         st.integers(0, 9223372035_999999999) | st.integers(0, 9223372035_999999).map(lambda us: us * 1000),

@@ -18,6 +18,7 @@ from wheelprint.ingest.can.decode import (
     decode,
     decode_message,
     decode_payloads,
+    decoder_of,
     message_schema,
     split_by_message,
     value_type,
@@ -270,9 +271,9 @@ def test_schema_says_what_a_column_is() -> None:
 
 def test_groups_frames_and_counts_the_unknown() -> None:
     groups, unknown = split_by_message(example(), DATABASE)
-    assert [(layout.name, rows.tolist()) for layout, rows in groups] == [("B", [0, 5, 6]), ("A", [1])]
+    assert [(layout.name, frames.time.tolist()) for layout, frames in groups] == [("B", [10, 15, 9]), ("A", [11])]
     assert unknown == Counter({(0x66, True): 1})
-    assert decode_message(LAYOUTS[0], example(), groups[0][1]).num_rows == 3
+    assert decode_message(decoder_of(LAYOUTS[0]), groups[0][1]).num_rows == 3
 
 
 @given(st.lists(st.tuples(st.integers(0, 40), st.booleans(), st.sampled_from([DATA, DATA, REMOTE])), max_size=60))
@@ -289,7 +290,7 @@ def test_groups_like_a_plain_loop(frames: list[tuple[int, bool, int]]) -> None:
             wanted.setdefault(keys[number, extended], []).append(row)
         elif kind == DATA:
             counted[number, extended] += 1
-    assert {layout.name: rows.tolist() for layout, rows in groups} == wanted
+    assert {layout.name: part.time.tolist() for layout, part in groups} == wanted
     assert [layout.name for layout, _ in groups] == [m.name for m in database.messages if m.name in wanted]
     assert unknown == counted
 
@@ -323,3 +324,12 @@ def test_shipped_database_equals_cantools() -> None:
             name: {type(rows[0][name])} for name in got
         }
         assert [{name: column[k] for name, column in got.items()} for k in range(100)] == rows
+
+
+def test_batches_are_joined_whatever_their_channels_and_widths_are() -> None:
+    one = batch_of([b"\x01", b"\x02"], time=[1, 2], channel=[0, 1], channels=("a", "b"))
+    two = batch_of([b"\x03" * 12, b"\x04"], 64, time=[3, 4], channel=[1, 0], channels=("c", "a"), fd=[1, 0])
+    joined = FrameBatch.join([one, two])
+    expected = pa.Table.from_batches([one.to_arrow(), two.to_arrow()])
+    assert pa.Table.from_batches([joined.to_arrow()]).equals(expected.combine_chunks())
+    assert FrameBatch.join([one]) is one

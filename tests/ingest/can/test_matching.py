@@ -258,7 +258,7 @@ def test_matches_like_a_plain_loop(
             lost += 1
         else:
             wanted.setdefault(name, []).append(row)
-    assert {m.name: rows.tolist() for m, rows in groups} == wanted
+    assert {m.name: part.time.tolist() for m, part in groups} == wanted
     assert sum(unknown.values()) == lost
 
 

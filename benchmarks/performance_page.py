@@ -1,0 +1,193 @@
+"""Draws `docs/performance.md` and its plots from `benchmarks/results.json`: `python -m benchmarks.performance_page`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from html import escape
+
+from benchmarks.contenders import ROOT, Result
+
+DOCS = ROOT / "docs"
+NOTE = "<!-- Drawn by benchmarks/performance_page.py from benchmarks/results.json; measure again, do not edit. -->\n"
+GOALS = {
+    "candump against python-can + cantools + pandas": 55.0,
+    "candump against asammdf": 3.0,
+    "BLF against python-can + cantools + pandas": 40.0,
+}
+"""Ratios that were aimed at, at least."""
+MOST_OVER_WRITING = 1.7
+
+Bars = Sequence[tuple[str, float, str]]
+"""Name, length, and what is written behind the bar."""
+
+
+def bars(title: str, rows: Bars) -> str:
+    """Return an SVG of horizontal bars; those of Wheelprint are dark."""
+    width, left, line, right = 760, 250, 26, 130
+    longest = max(length for _, length, _ in rows)
+    height = 44 + line * len(rows)
+    size = f'viewBox="0 0 {width} {height}" width="{width}" height="{height}"'
+    drawn = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" {size} font-family="sans-serif" font-size="13">',
+        f'<rect width="{width}" height="{height}" fill="#ffffff"/>',
+        f'<text x="10" y="22" font-weight="bold">{escape(title)}</text>',
+    ]
+    for number, (name, length, told) in enumerate(rows):
+        y = 38 + line * number
+        long = max((width - left - right) * length / longest, 1.0)
+        colour = "#1f5fa8" if name.startswith("Wheelprint") else "#b5bcc6"
+        drawn += [
+            f'<text x="{left - 8}" y="{y + 14}" text-anchor="end">{escape(name)}</text>',
+            f'<rect x="{left}" y="{y}" width="{long:.1f}" height="18" fill="{colour}"/>',
+            f'<text x="{left + long + 6:.1f}" y="{y + 14}">{escape(told)}</text>',
+        ]
+    return "\n".join([*drawn, "</svg>"]) + "\n"
+
+
+def pages(results: Result) -> dict[str, str]:
+    """Return the content of each file in `docs` by its name."""
+    lines = [NOTE, "# Performance\n"]
+    lines.append(
+        "`make bench` measures this page: Wheelprint and other tools on the same data, in one run on one machine, each "
+        "in a process of its own, in turn; of several runs the median counts. Ratios are of CPU seconds (user and "
+        "system), which another machine changes less than either figure.\n"
+    )
+    files: dict[str, str] = {}
+    for name, draw in PARTS.items():
+        if name in results:
+            lines += draw(results[name], files)
+            lines.append(_machine(results[name]["machine"]))
+    return {"performance.md": "\n".join(lines).rstrip() + "\n", **files}
+
+
+def _decoding(part: Result, files: dict[str, str]) -> list[str]:
+    speeds = {
+        "wheelprint candump": "Wheelprint, candump",
+        "wheelprint blf": "Wheelprint, BLF",
+        "writing alone": "writing Parquet alone",
+        "asammdf mf4": "asammdf, MF4",
+    } | {
+        name: f"python-can + cantools, {'BLF' if ' blf ' in name else 'candump'}"
+        for name in part["contenders"]
+        if name.startswith("python-can") and name.endswith(_large(part))
+    }
+    rows = [
+        (title, part["contenders"][name]["per_cpu_s"], f"{part['contenders'][name]['per_cpu_s'] / 1e6:.3f} million")
+        for name, title in speeds.items()
+        if name in part["contenders"]
+    ]
+    files["performance-decoding.svg"] = bars("CAN frames to Parquet per CPU second", rows)
+    traffic = part["traffic"]
+    what = f"{traffic['frames']:,} frames of {traffic['messages']} messages with {traffic['signals']} signals"
+    lines = [
+        "## Logs to Parquet\n",
+        f"{what}, some of them multiplexed, and their DBC, from a seed; every tool writes all physical values.\n",
+        "| ratio | measured | aimed at |",
+        "|---|---|---|",
+    ]
+    for name, ratio in part["ratios"].items():
+        goal = f"≥ {GOALS[name]:g}" if name in GOALS else f"≤ {MOST_OVER_WRITING:g}" if "writing" in name else ""
+        lines.append(f"| {name} | {ratio:.2f} | {goal} |")
+    lines += [
+        "",
+        "![CAN frames to Parquet per CPU second](performance-decoding.svg)\n",
+        "| | frames or packets | per CPU second | wall s | peak memory |",
+        "|---|---|---|---|---|",
+    ]
+    for name, figures in part["contenders"].items():
+        count = figures.get("packets", figures.get("frames", 0))
+        lines.append(
+            f"| {name} | {count:,.0f} | {figures['per_cpu_s'] / 1e6:.3f} million | {figures['wall_s']:.1f} | "
+            f"{figures['peak_mb']:.0f} MB |"
+        )
+    lines.append(
+        "\nThe slow tools get samples of the log; that a frame costs them the same in two sizes is in the table of "
+        "ratios. Peak memory is the whole process's, Python and its libraries included (Wheelprint's imports alone "
+        "take about 270 MB). The first conversion after an installation compiles: "
+        f"{part['first_conversion_cpu_s']:.0f} CPU s, once; what is compiled is kept beside the code.\n"
+    )
+    return lines
+
+
+def _large(part: Result) -> str:
+    """Return the larger size of sample, as it ends the names of contenders."""
+    return max((name.rsplit(" ", 1)[1] for name in part["contenders"] if name[-1].isdigit()), key=int, default="")
+
+
+def _mixtures(part: Result, files: dict[str, str]) -> list[str]:
+    lines = ["## Mixtures\n", "| | Wheelprint | scikit-learn | ratio of CPU s |", "|---|---|---|---|"]
+    rows: list[tuple[str, float, str]] = []
+    for fit in part.get("windows", ()):
+        what = f"EM, {fit['rows']:,} × {fit['channels']}, K = {fit['components']}"
+        ours, other = fit["wheelprint"], fit["scikit-learn"]
+        ratio = fit["ratio_per_iteration"]
+        lines.append(
+            f"| {what}, an iteration | {ours['s_per_iteration']:.2f} s, {ours['peak_mb']:.0f} MB | "
+            f"{other['s_per_iteration']:.2f} s, {other['peak_mb']:.0f} MB | {ratio:.1f} |"
+        )
+        rows.append((what, ratio, f"{ratio:.1f} ×"))
+    if narrow := part.get("narrow"):
+        ours, other = narrow["wheelprint"], narrow["scikit-learn"]
+        what = f"{narrow['rows']:,} × 3, K = {narrow['components']}, {narrow['starts']} starts"
+        starts = other["s_per_start"] * narrow["starts"]
+        lines.append(f"| {what} | {ours['cpu_s']:.1f} s | {starts:.0f} s | {narrow['ratio']:.1f} |")
+        rows.append((what, narrow["ratio"], f"{narrow['ratio']:.1f} ×"))
+    if rows:
+        files["performance-mixtures.svg"] = bars("scikit-learn's CPU seconds, in ours", rows)
+        lines += ["", "![scikit-learn's CPU seconds, in ours](performance-mixtures.svg)\n"]
+    if part.get("prediction"):
+        lines += ["| mixture regression, 103 → 50 | rows per CPU s | one row, p99 |", "|---|---|---|"]
+        for name, figures in part["prediction"].items():
+            lines.append(f"| {name} | {figures['rows_per_cpu_s']:,.0f} | {figures['one_row_us_p99']:.0f} µs |")
+    lines.append("")
+    return lines
+
+
+def _prediction(part: Result, _files: dict[str, str]) -> list[str]:
+    lines = ["## One prediction of an exported model\n", "| | p50 µs | p99 µs | fastest µs |", "|---|---|---|---|"]
+    for row in part["calls"]:
+        figures = " | ".join(f"{row[name]:.1f}" for name in ("p50", "p99", "fastest"))
+        lines.append(f"| K = {row['components']}, {row['what']} | {figures} |")  # noqa: PERF401 - as above
+    return [*lines, ""]
+
+
+def _build(part: Result, _files: dict[str, str]) -> list[str]:
+    took = f"{part['wall_s']:.1f} s wall, {part['cpu_s']:.1f} CPU s, {part['memory_mb']:.0f} MB"
+    what = f"`wheelprint build` on {part['hours']:.1f} hours of {part['drivers']} drivers"
+    return ["## Building a dataset\n", f"{what}: {took}.\n"]
+
+
+def _whole(part: Result, files: dict[str, str]) -> list[str]:
+    from importlib import import_module
+
+    lines: list[str] = import_module("benchmarks.whole_run").page(part, files)
+    return lines
+
+
+PARTS = {
+    "decoding": _decoding,
+    "whole_run": _whole,
+    "mixtures": _mixtures,
+    "prediction": _prediction,
+    "build_ten_hours": _build,
+}
+
+
+def _machine(told: Mapping[str, object]) -> str:
+    packages = ", ".join(f"{name} {version}" for name, version in told["packages"].items())  # type: ignore[attr-defined]
+    return (
+        f"<sub>{told['processor']}, {told['cores']} cores, {told['memory_gb']} GB, {told['system']}; Python "
+        f"{told['python']}, BLAS {told['blas']}, {packages}. Load average {told['load_before']:.1f} before, "
+        f"{told['load_after']:.1f} after.</sub>\n"
+    )
+
+
+def write(results: Result) -> None:
+    """Write the page and its plots."""
+    for name, content in pages(results).items():
+        (DOCS / name).write_text(content, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    write(json.loads((ROOT / "benchmarks" / "results.json").read_text(encoding="utf-8")))
