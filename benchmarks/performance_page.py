@@ -148,7 +148,7 @@ def _prediction(part: Result, _files: dict[str, str]) -> list[str]:
     lines = ["## One prediction of an exported model\n", "| | p50 µs | p99 µs | fastest µs |", "|---|---|---|---|"]
     for row in part["calls"]:
         figures = " | ".join(f"{row[name]:.1f}" for name in ("p50", "p99", "fastest"))
-        lines.append(f"| K = {row['components']}, {row['what']} | {figures} |")  # noqa: PERF401 - as above
+        lines.append(f"| K = {row['components']}, {row['what']} | {figures} |")
     return [*lines, ""]
 
 

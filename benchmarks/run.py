@@ -60,7 +60,7 @@ def parts(*, long: bool) -> dict[str, Callable[[], Result]]:
 
 def quick() -> dict[str, float]:
     """Return a few ratios on little data."""
-    decoded = decoding.run(frames=100_000, packets=200_000, samples=(10_000, 20_000), peers=("candump", "blf", "ncom"))
+    decoded = decoding.run(frames=300_000, packets=200_000, samples=(10_000, 20_000), peers=("candump", "blf", "ncom"))
     fitted = mixtures("--rows", "20000", "--components", "3", "--iterations", "2", "--narrow", "0")
     return {name: ratio for name, ratio in decoded["ratios"].items() if "against" in name} | {
         "EM, 20 000 × 153, K = 3, against scikit-learn": fitted["windows"][0]["ratio_per_iteration"]

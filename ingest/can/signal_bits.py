@@ -33,9 +33,9 @@ def rows_by_group(group: npt.NDArray[np.uint16], groups: int) -> tuple[npt.NDArr
         begins[number + 1] += begins[number]
     rows, place = np.empty(len(group), np.intp), begins.copy()
     for k in range(len(group)):
-        number = np.intp(group[k])
-        rows[place[number]] = k
-        place[number] += 1
+        own = np.intp(group[k])
+        rows[place[own]] = k
+        place[own] += 1
     return rows, begins
 
 
@@ -108,8 +108,8 @@ def columns(
                 floats[s, k] = np.float64(left[k]) * scale + offset
         elif signed and kind == INTEGER:
             for k in range(n):
-                raw = np.uint64(np.int64(left[k]) >> np.int64(spare))
-                values[s, k] = raw * integers[s, 0] + integers[s, 1]
+                modulo = np.uint64(np.int64(left[k]) >> np.int64(spare))
+                values[s, k] = modulo * integers[s, 0] + integers[s, 1]
         elif kind == INTEGER:
             for k in range(n):
                 values[s, k] = (left[k] >> np.uint64(spare)) * integers[s, 0] + integers[s, 1]

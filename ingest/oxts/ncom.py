@@ -140,6 +140,8 @@ def packet_samples(packets: NcomPackets, accuracy: npt.NDArray[np.float64], doub
     valid = np.isin(packets.status, (layout.LOCKING, layout.LOCKED))
 
     def where_valid(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        if valid.all():
+            return values
         return np.where(valid if values.ndim == 1 else valid[:, None], values, np.nan)
 
     with np.errstate(over="ignore"):  # Of damaged positions.
@@ -172,4 +174,4 @@ def position_accuracy(packets: NcomPackets, held: float) -> npt.NDArray[np.float
     batch = packets.batch[telling]
     deviations = batch[:, :4].view("<u2") * 1e-3
     told = np.where(batch[:, 6] < layout.TOO_OLD, np.hypot(deviations[:, 0], deviations[:, 1]), np.nan)
-    return np.concatenate(([held], told))[np.searchsorted(telling, np.arange(len(packets)), "right")]
+    return np.repeat(np.concatenate(([held], told)), np.diff(telling, prepend=0, append=len(packets)))

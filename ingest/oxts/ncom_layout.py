@@ -53,16 +53,6 @@ TOO_OLD = 150
 """An age (byte 6 of a status channel) from which on its content is not valid."""
 
 
-def from_int24(octets: npt.NDArray[np.uint8], per_unit: int) -> npt.NDArray[np.float64]:
-    """Return the values of 24-bit integers (…, 3 bytes) of `per_unit` counts each, NaN where invalid."""
-    counts = (
-        octets[..., 0].astype(np.int32)
-        | octets[..., 1].astype(np.int32) << 8
-        | octets[..., 2].view(np.int8).astype(np.int32) << 16
-    )
-    return np.where(counts == INVALID, np.nan, counts / per_unit)
-
-
 def to_int24(values: npt.NDArray[np.float64], per_unit: int) -> npt.NDArray[np.uint8]:
     """Return the nearest 24-bit integers (…, 3 bytes) to `values` times `per_unit`; NaN becomes the invalid one.
 

@@ -205,7 +205,10 @@ def decode_packets(
     time_known: npt.NDArray[np.bool_],
 ) -> NcomPackets:
     """Return the fields of packets (n, 72) whose checksum 3 is right, with offsets and times as given."""
+    from .ncom_fields import vectors
+
     fields = raw.view(layout.PACKET)[:, 0]
+    (acceleration, angular_rate, velocity, orientation), checksum1, checksum2 = vectors(raw)
     with np.errstate(invalid="ignore"):  # A signalling NaN among damaged altitudes is just another NaN.
         altitude = fields["altitude"].astype(np.float64)
     return NcomPackets(
@@ -213,16 +216,16 @@ def decode_packets(
         time=time,
         time_known=time_known,
         milliseconds=fields["milliseconds"].astype(np.uint16),
-        acceleration=layout.from_int24(fields["acceleration"], layout.ACCELERATION),
-        angular_rate=layout.from_int24(fields["angular_rate"], layout.ANGULAR_RATE),
+        acceleration=acceleration,
+        angular_rate=angular_rate,
         status=fields["status"].copy(),
         latitude=fields["latitude"].astype(np.float64),
         longitude=fields["longitude"].astype(np.float64),
         altitude=altitude,
-        velocity=layout.from_int24(fields["velocity"], layout.VELOCITY),
-        orientation=layout.from_int24(fields["orientation"], layout.ORIENTATION),
+        velocity=velocity,
+        orientation=orientation,
         channel=fields["channel"].copy(),
         batch=fields["batch"].copy(),
-        checksum1=layout.checksum(raw, 22) == fields["checksum1"],
-        checksum2=layout.checksum(raw, 61) == fields["checksum2"],
+        checksum1=checksum1,
+        checksum2=checksum2,
     )
