@@ -239,9 +239,10 @@ def run(
     *,
     frames: int = FRAMES,
     packets: int = PACKETS,
-    samples: tuple[int, int] = SAMPLES,
+    samples: tuple[int, ...] = SAMPLES,
     repeats: int = 3,
     long_frames: int = 0,
+    compilation: bool = True,
     peers: tuple[str, ...] = ("candump", "blf", "asammdf", "writing", "ncom"),
 ) -> Result:
     """Measure and return ratios and figures.
@@ -252,6 +253,7 @@ def run(
         samples: Frames or packets that the tools get that take long.
         repeats: Runs of each contender.
         long_frames: Frames of a second log for peak memory; 0: none.
+        compilation: Measure what the first conversion takes, too.
         peers: What to measure beside Wheelprint.
     """
     with TemporaryDirectory(prefix="wheelprint-decoding-") as name:
@@ -283,8 +285,10 @@ def run(
         for result in results.values():
             result.setdefault("frames" if "packets" not in result else "packets", frames)
             result["per_cpu_s"] = per_cpu_second(result)
-        with TemporaryDirectory() as cache:
-            first = run_alone((HERE, "first_conversion", (warm,)), {"NUMBA_CACHE_DIR": cache})
+        first: Result = {}
+        if compilation:
+            with TemporaryDirectory() as cache:
+                first = run_alone((HERE, "first_conversion", (warm,)), {"NUMBA_CACHE_DIR": cache})
         if long_frames:
             (folder / "bus.log").unlink()
             write_logs(folder, SEED, long_frames, ("log",))
@@ -298,15 +302,15 @@ def run(
         },
         "repeats": repeats,
         "ratios": ratios(results, samples),
-        "first_conversion_cpu_s": first["cpu_s"],
+        "first_conversion_cpu_s": first.get("cpu_s", 0.0),
         "contenders": results,
     }
 
 
-def ratios(results: dict[str, Result], samples: tuple[int, int]) -> dict[str, float]:
+def ratios(results: dict[str, Result], samples: tuple[int, ...]) -> dict[str, float]:
     """Return the ratios of CPU seconds per frame, and how much a slow tool's frame differs between its two samples."""
     speed = {name: result["per_cpu_s"] for name, result in results.items()}
-    small, large = samples
+    small, large = min(samples), max(samples)
     found: dict[str, float] = {}
     for ratio, ours, peer in (
         ("candump against python-can + cantools + pandas", "wheelprint candump", f"python-can candump {large}"),
@@ -319,7 +323,7 @@ def ratios(results: dict[str, Result], samples: tuple[int, int]) -> dict[str, fl
     if "writing alone" in speed:
         found["candump to Parquet over writing alone"] = speed["writing alone"] / speed["wheelprint candump"]
     for name in ("python-can candump", "python-can blf", "by packet ncom"):
-        if f"{name} {large}" in speed:
+        if f"{name} {large}" in speed and small < large:
             found[f"{name}: a frame of {large} over one of {small}"] = (
                 speed[f"{name} {small}"] / speed[f"{name} {large}"]
             )
@@ -331,7 +335,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=FRAMES)
     parser.add_argument("--packets", type=int, default=PACKETS)
-    parser.add_argument("--samples", type=int, nargs=2, default=SAMPLES)
+    parser.add_argument("--samples", type=int, nargs="+", default=SAMPLES)
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--peers", nargs="*", default=["candump", "blf", "asammdf", "writing", "ncom"])
     parser.add_argument("--long", action="store_true", help=f"peak memory at {LONG_FRAMES} frames, too")

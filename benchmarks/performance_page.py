@@ -58,6 +58,8 @@ def pages(results: Result) -> dict[str, str]:
         if name in results:
             lines += draw(results[name], files)
             lines.append(_machine(results[name]["machine"]))
+    if not results:
+        lines.append("Nothing has been measured yet.\n")
     return {"performance.md": "\n".join(lines).rstrip() + "\n", **files}
 
 

@@ -60,7 +60,8 @@ def parts(*, long: bool) -> dict[str, Callable[[], Result]]:
 
 def quick() -> dict[str, float]:
     """Return a few ratios on little data."""
-    decoded = decoding.run(frames=300_000, packets=200_000, samples=(10_000, 20_000), peers=("candump", "blf", "ncom"))
+    peers = ("candump", "blf", "ncom")
+    decoded = decoding.run(frames=300_000, packets=200_000, samples=(20_000,), peers=peers, compilation=False)
     fitted = mixtures("--rows", "20000", "--components", "3", "--iterations", "2", "--narrow", "0")
     return {name: ratio for name, ratio in decoded["ratios"].items() if "against" in name} | {
         "EM, 20 000 × 153, K = 3, against scikit-learn": fitted["windows"][0]["ratio_per_iteration"]
@@ -95,7 +96,7 @@ def main() -> int:
         for complaint in complaints:
             print(f"FALLEN  {complaint}")
         return int(bool(complaints))
-    results: Result = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
+    results: Result = json.loads(RESULTS.read_text(encoding="utf-8"))
     chosen = parts(long=arguments.long)
     if unknown := set(arguments.only or ()) - set(chosen):
         parser.error(f"no such part: {', '.join(sorted(unknown))}; there are {', '.join(chosen)}")
