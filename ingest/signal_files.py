@@ -73,9 +73,8 @@ def decode_log(reader: FrameReader, account: Account, database: Database, folder
     writers: dict[str, pq.ParquetWriter] = {}
     waiting: dict[str, list[FrameBatch]] = {}
     buffered = 0
-    with ExitStack() as drafts:
-        # Arrow and compiled code run beside the reader's: while one lot is decoded and written, the next one is read.
-        thread = drafts.enter_context(ThreadPoolExecutor(1))
+    # Arrow and compiled code run beside the reader's: while one lot is decoded and written, the next one is read.
+    with ExitStack() as drafts, ThreadPoolExecutor(1) as thread:
         writing: Future[None] | None = None
 
         def write(lot: dict[str, list[FrameBatch]]) -> None:
