@@ -161,9 +161,22 @@ def _build(part: Result, _files: dict[str, str]) -> list[str]:
 
 
 def _whole(part: Result, files: dict[str, str]) -> list[str]:
-    from importlib import import_module
-
-    lines: list[str] = import_module("benchmarks.whole_run").page(part, files)
+    rows = [(f"Wheelprint, {run['hours']:g} h", run["wall_s"], f"{run['wall_s']:.0f} s") for run in part["runs"]]
+    files["performance-run.svg"] = bars("wheelprint run, raw logs to report, wall time", rows)
+    lines = [
+        "## From raw logs to the report\n",
+        "| hours | workers | wall s | CPU s | peak memory |",
+        "|---|---|---|---|---|",
+    ]
+    for run in part["runs"]:
+        figures = f"{run['wall_s']:.0f} | {run['cpu_s']:.0f} | {run['peak_mb']:.0f} MB"
+        lines.append(f"| {run['hours']:g} | {run['workers']} | {figures} |")
+    lines += ["", "![Wall time by hours](performance-run.svg)\n"]
+    if "exponent" in part:
+        lines.append(
+            f"Wall time grows as hours^{part['exponent']:.2f}; {part['projected_hours']:g} hours would take "
+            f"{part['projected_wall_s'] / 60:.0f} minutes: projected, not measured.\n"
+        )
     return lines
 
 

@@ -13,7 +13,6 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
-from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -26,43 +25,34 @@ FALLEN = 2 / 3
 """A ratio below this share of the expected one has fallen."""
 
 
-def mixtures(*options: str) -> Result:
-    """Return the results of `benchmarks.mixtures`."""
+def results_of(module: str, *options: str) -> Result:
+    """Run a benchmark that writes its results as JSON, and return them; its own verdict does not matter here."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "results.json"
-        command = [sys.executable, "-m", "benchmarks.mixtures", *options, "--json", str(path)]
-        subprocess.run(command, cwd=ROOT, check=True)
+        subprocess.run([sys.executable, "-m", module, *options, "--json", str(path)], cwd=ROOT, check=False)
         results: Result = json.loads(path.read_text(encoding="utf-8"))
-    return results
-
-
-def whole_run() -> Result:
-    """Return the results of `benchmarks.whole_run`."""
-    from importlib import import_module
-
-    results: Result = import_module("benchmarks.whole_run").run()
     return results
 
 
 def parts(*, long: bool) -> dict[str, Callable[[], Result]]:
     """Return the parts by name, in the order of the page."""
     goal = ("--rows", "500000", "--narrow", "1000000", "--narrow-starts", "2")
-    found: dict[str, Callable[[], Result]] = {
+    return {
         "decoding": lambda: decoding.run(long_frames=decoding.LONG_FRAMES if long else 0),
-        "mixtures": lambda: mixtures(*goal) if long else mixtures(),
+        "mixtures": lambda: results_of("benchmarks.mixtures", *(goal if long else ())),
         "prediction": prediction.run,
         "build_ten_hours": build_ten_hours.run,
+        "whole_run": lambda: results_of("benchmarks.whole_run"),
     }
-    if find_spec("benchmarks.whole_run"):
-        found["whole_run"] = whole_run
-    return found
 
 
 def quick() -> dict[str, float]:
     """Return a few ratios on little data."""
     peers = ("candump", "blf", "ncom")
     decoded = decoding.run(frames=300_000, packets=200_000, samples=(20_000,), peers=peers, compilation=False)
-    fitted = mixtures("--rows", "20000", "--components", "3", "--iterations", "2", "--narrow", "0")
+    fitted = results_of(
+        "benchmarks.mixtures", "--rows", "20000", "--components", "3", "--iterations", "2", "--narrow", "0"
+    )
     return {name: ratio for name, ratio in decoded["ratios"].items() if "against" in name} | {
         "EM, 20 000 × 153, K = 3, against scikit-learn": fitted["windows"][0]["ratio_per_iteration"]
     }
