@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
+import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -68,15 +70,20 @@ class Workers:
         from distributed import Client, LocalCluster, as_completed
 
         if self._client is None:
-            # Dask makes malloc give every freed array back to the system, which costs numpy more time than it saves.
-            trim = {"distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 1 << 28}
-            self._open.enter_context(dask.config.set(trim))
+            environment = {
+                # Dask makes malloc give every freed array back to the system; numpy loses more time than is saved.
+                "MALLOC_TRIM_THRESHOLD_": 1 << 28,
+                # A worker that is told to stop has nothing to say.
+                "DASK_LOGGING": str(dict.fromkeys(("distributed", "distributed.worker"), "critical")),
+            }
+            self._open.enter_context(dask.config.set({"distributed.nanny.pre-spawn-environ": environment}))
             logging.getLogger("distributed").setLevel(logging.ERROR)
-            cluster = self._open.enter_context(
-                LocalCluster(
-                    n_workers=self._count, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0"
+            with _deaf_to_interrupts():
+                cluster = self._open.enter_context(
+                    LocalCluster(
+                        n_workers=self._count, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0"
+                    )
                 )
-            )
             self._client = self._open.enter_context(Client(cluster))
         futures = {self._client.submit(_attempt, task, pure=False): task for task in tasks}
         for future in as_completed(futures):
@@ -135,6 +142,19 @@ def run_stage(
 
 def _records(problems: Sequence[InputError]) -> list[dict[str, str]]:
     return [{"path": problem.path, "where": problem.where, "reason": problem.reason} for problem in problems]
+
+
+@contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Let processes that start meanwhile ignore Ctrl-C, which reaches all of a terminal: this one ends them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _attempt(task: Task) -> Outcome | InputError:

@@ -121,13 +121,13 @@ def among_points(
     return best, spread
 
 
-def spread_of(h: Floats, error: Floats, noise: float) -> Floats:
+def spread_of(h: Floats, error: Floats, noise: Floats | float) -> Floats:
     """Return the range in m of the distances that explain the steering as well as the best one, but for its noise.
 
     Args:
         h: Distances (n_samples, n_candidates) or (n_candidates,), m.
         error: |δ − δ0| of each (n_samples, n_candidates), deg; infinite where it is no candidate.
-        noise: deg.
+        noise: deg, one for all or of each candidate (n_candidates,).
 
     Returns:
         Largest minus smallest distance (n_samples,), NaN where no error is finite.

@@ -28,8 +28,9 @@ def refined_lookahead(
     """Return the most likely trajectory of the lookahead distance, and how well the steering alone determines it.
 
     Candidates are distances 2 % apart; the goal point of each lies on the path where it first gets that far away,
-    between its points. A trajectory costs (misfit / noise)² / 2 for every `MEMORY_S`, where the misfit counts as
-    three noises at most, and (change of log h)² / (2 `CHANGE`² per second); dynamic programming finds the cheapest
+    between its points. A position that is e off across the path turns the steering towards it by 2 L e / h², so that
+    the noise σ of a misfit is that of the steering and this one. A trajectory costs (misfit / σ)² / 2 + log σ for every
+    `MEMORY_S`, where the misfit counts as three σ at most, and (change of log h)² / (2 `CHANGE`² per second); dynamic programming finds the cheapest
     of each run. Where the steering crosses that of a candidate and its neighbour, the distance is that of the crossing.
 
     Args:
@@ -54,7 +55,9 @@ def refined_lookahead(
     known = np.isfinite(misfit)
     error = np.where(known, np.abs(misfit), np.inf)
     second = period / 1e9
-    cost = np.minimum(error / noise, _MOST_NOISES) ** 2 / 2 * min(second / MEMORY_S, 1.0)
+    of_misfit = np.hypot(noise, np.degrees(2.0 * wheelbase * settings.position_noise / h**2))
+    cost = np.minimum(error / of_misfit, _MOST_NOISES) ** 2 / 2 + np.log(of_misfit / noise)
+    cost *= min(second / MEMORY_S, 1.0)
     cost[~known.any(axis=1)] = 0.0
     change = (STEP * np.arange(_FASTEST + 1)) ** 2 / (2 * CHANGE**2 * second)
     chosen = most_likely_path(cost, np.asarray(sight.run, np.int32), change)
@@ -67,4 +70,4 @@ def refined_lookahead(
         crosses = (own * other < 0) & (neighbour >= 0) & (neighbour < count)
         share = np.divide(own, own - other, out=np.zeros(samples), where=crosses)
         distance = np.where(crosses, h[chosen] + share * (h[np.clip(neighbour, 0, count - 1)] - h[chosen]), distance)
-    return np.where(known.any(axis=1), distance, np.nan), spread_of(h, error, noise)
+    return np.where(known.any(axis=1), distance, np.nan), spread_of(h, error, of_misfit)

@@ -364,6 +364,12 @@ class Lookahead(Section):
         description="deg at the road wheels; distances whose steering is this near to the best explain the steering "
         "as well; estimate: per driver with a reference and `refined`, else 0.1",
     )
+    position_noise: float = Field(
+        default=0.02,
+        ge=0,
+        description="m across the path, of the car's and the path's positions; `refined` knows that it turns the "
+        "steering towards near goal points",
+    )
     steering_lag: Literal["estimate"] | Annotated[float, Field(ge=0, le=1)] = Field(
         default="estimate",
         description="s that the road wheels lag what the driver sees, undone by `refined`; estimate: per driver with a "
