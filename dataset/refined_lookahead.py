@@ -30,8 +30,9 @@ def refined_lookahead(
     Candidates are distances 2 % apart; the goal point of each lies on the path where it first gets that far away,
     between its points. A position that is e off across the path turns the steering towards it by 2 L e / h², so that
     the noise σ of a misfit is that of the steering and this one. A trajectory costs (misfit / σ)² / 2 + log σ for every
-    `MEMORY_S`, where the misfit counts as three σ at most, and (change of log h)² / (2 `CHANGE`² per second); dynamic programming finds the cheapest
-    of each run. Where the steering crosses that of a candidate and its neighbour, the distance is that of the crossing.
+    `MEMORY_S`, where the misfit counts as three σ at most, and (change of log h)² / (2 `CHANGE`² per second); dynamic
+    programming finds the cheapest of each run. Where the steering crosses that of a candidate and its neighbour, the
+    distance is that of the crossing.
 
     Args:
         sight: The recording, n samples.

@@ -73,7 +73,7 @@ class Sample:
     weights: FloatArray | None = None
 
     def weights_of(self, part: slice) -> FloatArray:
-        """Return the weights of some of the rows; none where each counts once."""
+        """Return the weights of some of the rows (n,); none (0,) where each counts once."""
         return np.empty(0) if self.weights is None else self.weights[part]
 
 
@@ -143,7 +143,7 @@ def _is_positive_definite(matrix: FloatArray) -> bool:
 
 
 def variances_of(sample: Sample) -> FloatArray:
-    """Return each channel's variance over all rows; 1 for a constant channel, which has no scale of its own."""
+    """Return each channel's variance over all rows (d,); 1 for a constant channel, which has no scale of its own."""
     rows, n = sample.rows, len(sample.rows)
     origin = rows[:1][0].astype(np.float64)  # within a few deviations of the mean, so that little cancels
     first, second = np.zeros_like(origin), np.zeros_like(origin)
@@ -204,7 +204,7 @@ def step(sample: Sample, parameters: Parameters, settings: Settings) -> Paramete
 
 
 def component_moments(rows: Rows, parameters: Parameters) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return what `GaussianMixture.moments` does, in single precision where that is enough."""
+    """Return what `GaussianMixture.moments` does of rows (n, d), in single precision where that is enough."""
     if rows.shape[1] > NARROW and len(rows) >= SINGLE_ROWS:
         parameters = _rounded(parameters)
     sums = _pass(Sample(rows), parameters, 1, np.empty(0, dtype=np.uint64))

@@ -76,7 +76,7 @@ class Track:
 
     @property
     def distance(self) -> FloatArray:
-        """Arc length of every point, m."""
+        """Arc length of every point (n_points,), m."""
         return SPACING * np.arange(len(self.x), dtype=np.float64)
 
 

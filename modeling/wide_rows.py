@@ -165,7 +165,7 @@ def wide_log_joint(
 
 @njit(cache=True, nogil=True)
 def buffers_of(k: int, d: int, n: int, inverses: Floats) -> Buffers:
-    """Return buffers for blocks of n rows, `whitened` of the type of `inverses`."""
+    """Return buffers for blocks of n rows, `whitened` of the type of `inverses` (k, d, d)."""
     return Buffers(
         np.empty((k, n)),
         np.empty((k, n)),

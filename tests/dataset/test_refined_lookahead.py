@@ -102,7 +102,7 @@ def bend(samples: int, radius: float, offset: float) -> Sight:
 
 def test_the_crossing_between_candidates_is_exact_and_carried_over_the_straight() -> None:
     sight = bend(220, 40.0, 0.0)
-    found, spread = refined_lookahead(sight, 2.8, Lookahead(), PERIOD, 0.0, 0.01)
+    found, spread = refined_lookahead(sight, 2.8, Lookahead(position_noise=0.0), PERIOD, 0.0, 0.01)
     told = spread < 3.0
     assert told.sum() > 20
     # The bend is a polyline, and so is the law that was driven.
@@ -110,6 +110,17 @@ def test_the_crossing_between_candidates_is_exact_and_carried_over_the_straight(
     # On the straight nothing is told, and the distance stays near what the bend said of it.
     assert np.median(spread[10:50]) > 20.0
     np.testing.assert_allclose(found, 12.0, rtol=0.2)
+
+
+def test_what_positions_do_to_near_goal_points_is_not_told() -> None:
+    sight = bend(220, 40.0, 0.0)
+    of_exact, of_rough = (
+        refined_lookahead(sight, 2.8, Lookahead(position_noise=noise), PERIOD, 0.0, 0.01)[1] for noise in (0.0, 0.05)
+    )
+    # At 12 m, 5 cm across the path turn the steering by 2 L e / h² = 0.11 deg, eleven times its noise here.
+    known = np.isfinite(of_exact)
+    assert (of_rough[known] >= of_exact[known]).all()
+    assert np.median(of_rough[known]) > np.median(of_exact[known])
 
 
 def test_where_the_path_ends_there_is_no_distance() -> None:
