@@ -70,13 +70,14 @@ class Workers:
         from distributed import Client, LocalCluster, as_completed
 
         if self._client is None:
-            environment = {
+            of_workers = "distributed.nanny.pre-spawn-environ."
+            settings = {
                 # Dask makes malloc give every freed array back to the system; numpy loses more time than is saved.
-                "MALLOC_TRIM_THRESHOLD_": 1 << 28,
+                f"{of_workers}MALLOC_TRIM_THRESHOLD_": 1 << 28,
                 # A worker that is told to stop has nothing to say.
-                "DASK_LOGGING": str(dict.fromkeys(("distributed", "distributed.worker"), "critical")),
+                f"{of_workers}DASK_LOGGING": str(dict.fromkeys(("distributed", "distributed.worker"), "critical")),
             }
-            self._open.enter_context(dask.config.set({"distributed.nanny.pre-spawn-environ": environment}))
+            self._open.enter_context(dask.config.set(settings))
             logging.getLogger("distributed").setLevel(logging.ERROR)
             with _deaf_to_interrupts():
                 cluster = self._open.enter_context(
