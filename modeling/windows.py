@@ -125,8 +125,7 @@ def window_centres(stretch: NDArray[np.integer[Any]], allowed: Mask, past: int, 
 def spread_out(centres: Rows, most: int) -> Rows:
     """Return the rows t to learn from (n_windows,): all of them, or `most` evenly spread ones.
 
-    Windows 0.1 s apart share all but one sample. Of 2.5 hours of a simulated driver 30,000 windows, every third, gave
-    the errors on held-out folds that all of them gave (`docs/method.md`).
+    Windows 0.1 s apart share all but one sample; `docs/method.md` says what is lost by it.
     """
     if len(centres) <= most:
         return centres
