@@ -114,7 +114,8 @@ def _decoding(part: Result, files: dict[str, str]) -> list[str]:
 
 def _large(part: Result) -> str:
     """Return the larger size of sample, as it ends the names of contenders."""
-    return max((name.rsplit(" ", 1)[1] for name in part["contenders"] if name[-1].isdigit()), key=int, default="")
+    sizes = [name.rsplit(" ", 1)[1] for name in part["contenders"]]
+    return max((size for size in sizes if size.isdigit()), key=int, default="")
 
 
 def _mixtures(part: Result, files: dict[str, str]) -> list[str]:

@@ -31,4 +31,4 @@ def test_a_ratio_that_falls_by_a_third_is_told() -> None:
 
 def test_ratios_are_expected_of_each_kind() -> None:
     names = " ".join(json.loads(EXPECTED.read_text(encoding="utf-8")))
-    assert all(kind in names for kind in ("candump", "BLF", "NCOM"))
+    assert all(kind in names for kind in ("candump", "BLF", "NCOM", "EM"))
