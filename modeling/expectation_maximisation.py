@@ -32,9 +32,13 @@ NARROW = 8
 SINGLE_ROWS = 20_000
 """Rows from which on single precision pays."""
 
-SEARCHES = (0, 1, 2, 4, 8)
-"""Passes that look at all components of a row; of later ones, every eighth. The others keep to what was in question:
-with sets that stay, as with all components, no M step lowers the likelihood (Neal and Hinton, 1998)."""
+SETTLED = 0.1
+"""Nats: after a pass that raised the mean log-likelihood by less, components hardly move, and a pass may keep to those
+that were in question for a row. With sets that stay, as with all components, no M step lowers the likelihood (Neal and
+Hinton, 1998)."""
+
+SEARCH_EVERY = 4
+"""Passes, of which one looks at all components of every row even then."""
 
 SINGLE_NOISE = 1e-6
 """Nats that rounding rows to float32 may change a row's log-likelihood by on average; beyond that it is float64."""
@@ -169,17 +173,18 @@ def maximise(sample: Sample, start: Parameters, settings: Settings) -> Run:
     known = np.zeros(len(sample.rows) if remembers else 0, dtype=np.uint64)
     statistics = _pass(sample, parameters, settings.threads, known)
     log_likelihoods = [statistics.log_likelihood]
-    passes = 1
+    passes, rise = 1, math.inf
     for left in reversed(range(settings.max_iterations)):
         candidate, dropped = _update(parameters, statistics, settings)
         if single:
             candidate = _rounded(candidate)
             single = candidate.precision == np.float32
-        search = not remembers or dropped > 0 or left == 0 or passes in SEARCHES or passes % SEARCHES[-1] == 0
-        passes = 1 if dropped else passes + 1
+        search = not remembers or dropped > 0 or left == 0 or rise >= SETTLED or passes % SEARCH_EVERY == 0
+        passes += 1
         outcome = _pass(sample, candidate, settings.threads, known, search=search)
         if dropped:
             parameters, statistics, log_likelihoods = candidate, outcome, [outcome.log_likelihood]
+            rise = math.inf
             continue
         rise = outcome.log_likelihood - log_likelihoods[-1]
         if rise < settings.tolerance and not search:
