@@ -27,10 +27,11 @@ ROUNDING = 1.5 * 2.0**52
 """A double of this size has no fraction: adding it rounds, and leaves the rounded number in the lowest bits."""
 
 SUMS = {"reassoc", "nsz", "contract"}
-"""What may be assumed of floating point: sums in any order, so that vector units can form them."""
+"""What may be assumed of floating point: sums in any order, so that vector units can form them. Never around
+`exponentials`: what a function calls inherits it, and would be free to leave out the rounding."""
 
 
-@njit(cache=True, nogil=True, fastmath=SUMS)
+@njit(cache=True, nogil=True)
 def narrow_pass(
     rows: FloatArray,
     sample_weights: FloatArray,
@@ -97,25 +98,34 @@ def narrow_pass(
             total[row] = weight[row] / total[row]
         for c in range(k):
             r = joint[c]
-            count = 0.0
             for row in range(BLOCK):
                 r[row] *= total[row]
-                count += r[row]
-            counts[c] += count
-            for i in range(d):
-                y, ry = whitened[c, i], top
-                moment = 0.0
-                for row in range(BLOCK):
-                    ry[row] = r[row] * y[row]
-                    moment += ry[row]
-                first[c, i] += moment
-                for j in range(i + 1):
-                    other = whitened[c, j]
-                    moment = 0.0
-                    for row in range(BLOCK):
-                        moment += ry[row] * other[row]
-                    second[c, i, j] += moment
+            counts[c] += _add_moments(r, whitened[c], top, first[c], second[c])
     return log_likelihood
+
+
+@njit(cache=True, nogil=True, fastmath=SUMS)
+def _add_moments(
+    r: FloatArray, whitened: FloatArray, weighted: FloatArray, first: FloatArray, second: FloatArray
+) -> float:
+    """Add the moments of y (d, n) by r (n,) and return the sum of r; `weighted` (n,) is overwritten."""
+    count = 0.0
+    for row in range(len(r)):
+        count += r[row]
+    for i in range(len(whitened)):
+        y = whitened[i]
+        moment = 0.0
+        for row in range(len(r)):
+            weighted[row] = r[row] * y[row]
+            moment += weighted[row]
+        first[i] += moment
+        for j in range(i + 1):
+            other = whitened[j]
+            moment = 0.0
+            for row in range(len(r)):
+                moment += weighted[row] * other[row]
+            second[i, j] += moment
+    return count
 
 
 @njit(cache=True, nogil=True)
