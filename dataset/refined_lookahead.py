@@ -19,6 +19,8 @@ MEMORY_S = 0.4
 """s; a driver's unsteadiness lasts, and misfits within that time count as one."""
 
 _MOST_NOISES = 3.0
+"""A misfit says no more against a distance than at so many noises; distances within them may be the driver's."""
+
 _FASTEST = 8
 
 
@@ -43,7 +45,9 @@ def refined_lookahead(
         noise: deg at the road wheels.
 
     Returns:
-        The lookahead distance (n,) in m, NaN where no candidate has a steering; and the spread as in `spread_of`.
+        The lookahead distance (n,) in m, NaN where no candidate has a steering; and the spread in m, a third of the
+        range of the distances within three σ of the best one (`spread_of`): what one σ makes of it where the steering
+        changes evenly with the distance, and much more where some other distance explains it nearly as well.
     """
     from .pursuit import most_likely_path
 
@@ -71,4 +75,5 @@ def refined_lookahead(
         crosses = (own * other < 0) & (neighbour >= 0) & (neighbour < count)
         share = np.divide(own, own - other, out=np.zeros(samples), where=crosses)
         distance = np.where(crosses, h[chosen] + share * (h[np.clip(neighbour, 0, count - 1)] - h[chosen]), distance)
-    return np.where(known.any(axis=1), distance, np.nan), spread_of(h, error, of_misfit)
+    spread = spread_of(h, error, _MOST_NOISES * of_misfit) / _MOST_NOISES
+    return np.where(known.any(axis=1), distance, np.nan), spread

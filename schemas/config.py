@@ -474,7 +474,7 @@ class Personal(Section):
     components: int = Field(default=3, ge=1, description="of the steering's mixtures, population and own alike")
     lookahead_components: int = Field(default=6, ge=1, description="of the lookahead's mixtures, likewise")
     relevance: float = Field(
-        default=2.0,
+        default=0.5,
         gt=0,
         description="rows per channel that the population stands for in each component when it is adapted to a driver",
     )
