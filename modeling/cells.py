@@ -38,7 +38,7 @@ FEWEST_SAMPLES = 100
 
 
 def evaluate_motion_primitives(project: Path, driver: str, fold: int, past_steps: int, config: Config) -> Outcome:
-    """Fit motion primitives and baselines to all folds but one and test them on that one.
+    """Fit motion primitives and baselines to all folds but one and test them on that one (PP eq. 12).
 
     Segments and types of path are those of the training folds too, and the type of a row is told by rows of its own
     side alone, training or test. All numbers of past steps are tested on the same windows, those that are whole for the
@@ -47,12 +47,16 @@ def evaluate_motion_primitives(project: Path, driver: str, fold: int, past_steps
     Args:
         project: Project folder.
         driver: Whose data.
-        fold: The test fold.
+        fold: The test fold, from 0.
         past_steps: n₂.
         config: The project file.
 
+    Returns:
+        The cell, with the measures of `measures.measure`; a problem where the test fold has no whole window.
+
     Raises:
-        InputError: There are too few windows to learn from.
+        InputError: There are too few windows to learn from, no segment lies entirely in the training folds, or the
+            dataset cannot be read.
     """
     settings = config.models.motion_primitives
     series = read_series(project, driver, config)
@@ -140,11 +144,14 @@ def fit_mixture(
         told_apart: Each n₁ that will be asked for.
         past_steps: n₂.
         components: n₄.
-        penalty: What ridge regression of the same windows chose.
+        penalty: What ridge regression of the same windows chose, a number of rows.
         config: The project file.
 
     Returns:
         The motion primitives, and what was chosen: `covariance_shrinkage_rows` or `tied`, and whether `calibrated`.
+
+    Raises:
+        ValueError: There are fewer windows than `windows_needed`.
     """
     settings, seed = config.models.motion_primitives, config.models.seed
     finest, levels = max(told_apart), told_apart if settings.calibrate else ()
@@ -208,7 +215,7 @@ def _baselines(learnt: Windows, asked: Windows, past_steps: int, config: Config)
 
 
 def evaluate_lookahead(project: Path, driver: str, fold: int, config: Config) -> Outcome:
-    """Fit lookahead models and baselines to all folds but one and test them on both splits.
+    """Fit lookahead models and baselines to all folds but one and test them on both splits (PP eqs. 12, 22 and 23).
 
     Persistence is the lookahead distance of the previous sample. That follows from the driver's own steering 0.1 s ago,
     which no model is given: it shows how slowly the distance changes, and is not what a model has to beat. Samples
@@ -217,11 +224,14 @@ def evaluate_lookahead(project: Path, driver: str, fold: int, config: Config) ->
     Args:
         project: Project folder.
         driver: Whose data.
-        fold: The test fold.
+        fold: The test fold, from 0.
         config: The project file.
 
+    Returns:
+        The cell: mean error and mean standard deviation, m; a problem where the test fold has no lookahead distance.
+
     Raises:
-        InputError: There are too few samples to learn from.
+        InputError: There are too few samples to learn from, or the dataset cannot be read.
     """
     settings, seed = config.models.lookahead, config.models.seed
     series = read_series(project, driver, config)

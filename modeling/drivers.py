@@ -29,7 +29,7 @@ def modelled_drivers(project: Project) -> tuple[dict[str, dict[str, str]], list[
         The drivers, sorted, and a problem for each driver with less than `models.minimum_minutes`.
 
     Raises:
-        InputError: No dataset was built yet.
+        InputError: No dataset was built yet, there is no recording, or the project file or manifest cannot be read.
     """
     config = project.config
     entries = project.manifest.get("dataset", {})
@@ -55,7 +55,11 @@ def modelled_drivers(project: Project) -> tuple[dict[str, dict[str, str]], list[
 
 
 def read_series(project: Path, driver: str, config: Config) -> Series:
-    """Return a driver's dataset, without lookahead distances whose spread is above `lookahead.maximum_spread`."""
+    """Return a driver's dataset, without lookahead distances whose spread is above `lookahead.maximum_spread`.
+
+    Raises:
+        InputError: The driver has no dataset yet, or a file of it is missing or damaged.
+    """
     return _series(Project(project).dataset(driver), config)
 
 
@@ -96,7 +100,7 @@ def part(series: Series, group: NDArray[Any], config: Config) -> Series:
 
 
 def fit_path_types(series: Series, rows: Mask, config: Config, *, logarithms: bool = True) -> PathTypes:
-    """Fit the types of path to the segments that lie entirely in the given rows.
+    """Fit the types of path to the segments that lie entirely in the given rows (MP eqs. 3 to 7).
 
     Args:
         series: The driver's data.
@@ -122,7 +126,7 @@ def fit_path_types(series: Series, rows: Mask, config: Config, *, logarithms: bo
 
 
 def label_rows(series: Series, types: PathTypes, config: Config) -> NDArray[np.str_]:
-    """Return the path type (`1-3-2`) of every row (n_rows,) by types that were fitted to these or other data."""
+    """Return the path type (`1-3-2`, MP eq. 8) of every row (n_rows,) by types fitted to these or other data."""
     begins = np.flatnonzero(np.diff(series.segment, prepend=-1))
     by_segment = path_types(types.label(_features(series, config)), series.stretch[begins])
     return np.array(by_segment, dtype=np.str_)[series.segment]

@@ -95,13 +95,14 @@ def evaluate_primitives(
 ) -> Outcome:
     """Measure one point of MP's Table II for all its numbers of path types.
 
-    Every measure is once over all test windows and once over those of path type 1-1-1, as MP has it. `fell_back` are
-    the test windows predicted by a coarser regression than n₁ asks for, because their type had too few windows.
+    `mean_error` (deg) and `mean_variance` (deg²) are its ave_err and var. Every measure is once over all test windows
+    and once over those of path type 1-1-1, as MP has it. `fell_back` are the test windows predicted by a coarser
+    regression than n₁ asks for, because their type had too few windows.
 
     Args:
         project: Project folder.
         driver: Whose data.
-        fold: The test fold.
+        fold: The test fold, from 0.
         past_steps: n₂.
         components: n₄.
         future_path: Whether the inputs hold the path ahead.
@@ -109,7 +110,8 @@ def evaluate_primitives(
         config: The project file.
 
     Raises:
-        InputError: There are too few windows to learn from.
+        InputError: There are too few windows to learn from, no segment lies entirely in the training folds, or the
+            dataset cannot be read.
     """
     series = read_series(project, driver, config)
     rows: list[dict[str, Any]] = []
@@ -149,8 +151,18 @@ def evaluate_primitives(
 def evaluate_path_types(project: Path, driver: str, fold: int, faithful: bool, config: Config) -> Outcome:
     """Cluster the path segments of the training folds into MP's three labels (Table I), and ask BIC how many it wants.
 
+    BIC is asked with all parameters of k components of d features, k − 1 + kd + kd(d + 1)/2, and with the 2k + kd that
+    PP eq. 8 prints.
+
+    Args:
+        project: Project folder.
+        driver: Whose data.
+        fold: The test fold, from 0.
+        faithful: Features as they are, not their logarithms.
+        config: The project file.
+
     Raises:
-        InputError: No segment lies entirely in the training folds.
+        InputError: No segment lies entirely in the training folds, or the dataset cannot be read.
     """
     series = read_series(project, driver, config)
     training, test = _split(series, fold, config)
@@ -177,7 +189,8 @@ def evaluate_lookahead(
 ) -> Outcome:
     """Fit one of PP's models twenty times, each from another k-means start, and measure it on both splits.
 
-    Errors and standard deviations are means over the repeats with their standard deviation over the repeats (`…_sd`).
+    Errors (PP eq. 22) and standard deviations (eq. 23), both in m, are means over the repeats with their standard
+    deviation over the repeats (`…_sd`).
 
     Args:
         project: Project folder.
@@ -189,7 +202,7 @@ def evaluate_lookahead(
         config: The project file.
 
     Raises:
-        InputError: There are too few samples to learn from.
+        InputError: There are too few samples to learn from, or the dataset cannot be read.
     """
     series = read_series(project, driver, config)
     inputs, lookahead, training, test = known_lookahead(project, driver, series, fold, config)
@@ -255,7 +268,7 @@ def split_windows(
     """Cut the windows of the training folds and of the test fold; they are whole for the largest n₂ of the grid.
 
     Raises:
-        InputError: There are too few windows to learn from.
+        InputError: There are too few windows to learn from, or no segment lies entirely in the training folds.
     """
     training, test = _split(series, fold, config)
     past = max(PAST_STEPS)
@@ -288,13 +301,16 @@ def fit_structure(
     """Fit the two levels of MP; `coarser` of the result has n₁ = 3 and 1.
 
     Args:
-        inputs: Shape (n_windows, n_inputs).
+        inputs: Shape (n_windows, n_inputs), columns of a window as `windows.cut_windows` lays it out.
         outputs: Shape (n_windows, n₃), deg.
         path_types: Path type of each window, such as `1-3-2` (n_windows,).
         components: n₄.
         seed: Of the k-means start.
         past_steps: n₂, for the gap between the blocks that choose the shrinkage.
         faithful: Every type apart and without shrinkage, see `fit_apart`.
+
+    Raises:
+        ValueError: There are fewer windows than `windows_needed`, or with `faithful` than components.
     """
     if faithful:
         return fit_apart(inputs, outputs, path_types, components, seed)
@@ -309,15 +325,20 @@ def fit_apart(
 ) -> MotionPrimitives:
     """Fit a mixture to each path type's windows alone, as MP does, and predict by its eqs. 20 and 22 as printed.
 
+    The windows are grouped by MP eqs. 9 and 10, and each group is a training set of eq. 15.
+
     A type with fewer windows than `windows_needed` has no regression of its own and falls back to its label's, a label
     without one to that of everything.
 
     Args:
-        inputs: Shape (n_windows, n_inputs).
+        inputs: Shape (n_windows, n_inputs), columns of a window as `windows.cut_windows` lays it out.
         outputs: Shape (n_windows, n₃), deg.
         path_types: Path type of each window, such as `1-3-2` (n_windows,).
         components: n₄; a mixture whose components collapse keeps fewer.
         seed: Of the k-means starts.
+
+    Raises:
+        ValueError: There are fewer windows than components.
     """
     joint = np.concatenate([inputs, outputs], axis=1)
     labels = own_labels(path_types)
@@ -350,7 +371,17 @@ def publish_cell(
     *,
     faithful: bool,
 ) -> Outcome:
-    """Publish a cell below `results/experiments/cells/`."""
+    """Publish a cell below `results/experiments/cells/`.
+
+    Args:
+        project: Project folder.
+        experiment: Kind of the cell, a folder.
+        driver: Whose cell, a folder within it.
+        file: Name of the file.
+        rows: The measures.
+        facts: What stands beside them in the file.
+        faithful: Formulas as printed.
+    """
     variant = "faithful" if faithful else "corrected"
     path = project / "results" / "experiments" / "cells" / variant / experiment / encode_name(driver) / file
     publish_json(path, {"rows": rows, **facts})

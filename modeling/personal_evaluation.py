@@ -107,6 +107,9 @@ def evaluate_learning_curve(project: Path, drivers: Sequence[str], driver: str, 
 
     Returns:
         The outcome; a model that has too few samples to be fitted has no row.
+
+    Raises:
+        InputError: A dataset cannot be read.
     """
     settings, seed, rate = config.models.personal, config.models.seed, config.sync.rate
     series = {name: read_series(project, name, config) for name in drivers}
@@ -149,6 +152,9 @@ def evaluate_across_drivers(project: Path, drivers: Sequence[str], fold: int, co
 
     Returns:
         The outcome; a quantity that some driver has too few samples of is left out and named as a problem.
+
+    Raises:
+        InputError: A dataset cannot be read.
     """
     settings = config.models.personal
     series = {name: read_series(project, name, config) for name in drivers}
@@ -229,6 +235,10 @@ def gather_personal(project: Project, tasks: Iterable[Task]) -> list[Printed]:
 
 def identification_rates(rows: Sequence[Mapping[str, Any]]) -> list[Row]:
     """Return the rate of rightly named minutes and the confusion matrix for each model, density and evidence.
+
+    The rate r of n minutes has the 95 % interval of Wilson (1927), with z = 1.96:
+
+        (r + z²/2n ± z √(r (1 − r) / n + z²/4n²)) / (1 + z²/n)
 
     Args:
         rows: Of `identification.csv`.

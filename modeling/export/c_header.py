@@ -23,14 +23,15 @@ in the sums, and neither the rest of its density nor its regression is computed.
 
 
 def c_header(plain: PlainRegression, name: str, title: Sequence[str], inputs: Sequence[str], outputs: str) -> str:
-    """Return a header with the functions of a regression.
+    """Return a header with the functions of a regression, the formulas of `PlainRegression`.
 
         double wheelprint_<name>_predict(const double *inputs, double *mean, double *variance);
         double wheelprint_<name>_domain_score(const double *inputs);
 
-    Both return the domain score. Everything is `static`: include the header in one source
-    file of a program. Matrices lie in blocks of `BLOCK` rows, column after column, the triangular ones only up to
-    their diagonal: a prediction reads them once, from the first to the last number.
+    Both return the domain score, nats; `inputs` and `mean` are in the units of the model, `variance` in their squares.
+    Everything is `static`: include the header in one source file of a program. Matrices lie in blocks of `BLOCK` rows,
+    column after column, the triangular ones only up to their diagonal: a prediction reads them once, from the first to
+    the last number.
 
     Args:
         plain: The regression.
