@@ -11,7 +11,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..dataset.folds import training_mask
 from ..schemas.config import Config
 from ..schemas.errors import InputError
 from ..schemas.project import encode_name
@@ -21,14 +20,22 @@ from .baselines import Persistence, Ridge
 from .calibration import Forecast
 from .curvature import curvature_blocks
 from .curvature_primitives import fit_curvature_primitives
-from .drivers import describe_path_types, fit_path_types, label_rows, one_thread, part, read_series
+from .drivers import (
+    describe_path_types,
+    fit_path_types,
+    label_rows,
+    one_thread,
+    part,
+    read_series,
+    training_and_test,
+)
 from .held_out import blocks_of, calibrate
 from .kinematic import Kinematic
 from .learned_baselines import LearnedBaseline
 from .lookahead_models import GeneralLookahead, VelocityLookahead
 from .measures import measure
 from .motion_primitives import N1, MotionPrimitives, fit_motion_primitives, windows_needed
-from .windows import Floats, Mask, Rows, Series, Windows, cut_windows, spread_out, window_centres
+from .windows import Floats, Mask, Rows, Windows, cut_windows, spread_out, window_centres
 
 MIXTURES = {"paper": "mixture", "curvature": "curvature_mixture"}
 """Mixture as `[models.motion_primitives] inputs` names it -> its name in the results."""
@@ -60,7 +67,7 @@ def evaluate_motion_primitives(project: Path, driver: str, fold: int, past_steps
     """
     settings = config.models.motion_primitives
     series = read_series(project, driver, config)
-    training, test = _split(series, fold, config)
+    training, test = training_and_test(series, fold, config)
     past, future = max(*settings.past_steps, 0), settings.future_steps
     complete = series.has_path_and_steering
     of_training, of_test = (window_centres(series.stretch, rows & complete, past, future) for rows in (training, test))
@@ -235,11 +242,10 @@ def evaluate_lookahead(project: Path, driver: str, fold: int, config: Config) ->
     """
     settings, seed = config.models.lookahead, config.models.seed
     series = read_series(project, driver, config)
-    path = np.column_stack([series.course_deviation, series.speed])
     before = np.append(np.nan, np.where(np.diff(series.stretch) == 0, series.lookahead[:-1], np.nan))
-    known = np.isfinite(path).all(axis=1) & np.isfinite(series.lookahead)
-    training, test = (rows[known] for rows in _split(series, fold, config))
-    inputs, lookahead, previous = path[known], series.lookahead[known], before[known]
+    known = series.has_lookahead
+    training, test = (rows[known] for rows in training_and_test(series, fold, config))
+    inputs, lookahead, previous = series.path_points[known], series.lookahead[known], before[known]
     if (found := int(training.sum())) < FEWEST_SAMPLES:
         raise _too_few(project, driver, fold, f"{found} lookahead distances to learn from", FEWEST_SAMPLES)
     rows: list[dict[str, Any]] = []
@@ -281,12 +287,6 @@ def evaluate_lookahead(project: Path, driver: str, fold: int, config: Config) ->
                 fallbacks[f"velocity, {components} components, {regressors} regressors"] = list(velocity.fallbacks)
     name = Path("lookahead") / encode_name(driver) / f"fold-{fold}.json"
     return _publish(project, name, rows, {"fallbacks": fallbacks})
-
-
-def _split(series: Series, fold: int, config: Config) -> tuple[Mask, Mask]:
-    """Return the rows to learn from and the rows to test."""
-    embargo = round(config.dataset.embargo * 1e9)
-    return training_mask(series.fold, series.recording, series.time, fold, embargo), series.fold == fold
 
 
 def _mean(values: Floats | Mask) -> float | None:

@@ -13,6 +13,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from ..dataset.drive import segments_of
+from ..dataset.folds import training_mask
 from ..dataset.segments import SEGMENTS_PER_CLUSTER, describe_clusters, features, path_types
 from ..schemas.config import Config
 from ..schemas.errors import InputError
@@ -97,6 +98,18 @@ def part(series: Series, group: NDArray[Any], config: Config) -> Series:
     stretch = np.cumsum(begins) - 1
     segment, _ = segments_of(series.course_deviation, stretch, config)
     return replace(series, stretch=stretch, segment=segment.astype(np.intp))
+
+
+def training_and_test(series: Series, fold: int, config: Config) -> tuple[Mask, Mask]:
+    """Return the rows to learn from and the rows to test, each (n_rows,) (PP eq. 12).
+
+    Args:
+        series: The driver's data.
+        fold: The test fold, from 0.
+        config: With the embargo between them.
+    """
+    embargo = round(config.dataset.embargo * 1e9)
+    return training_mask(series.fold, series.recording, series.time, fold, embargo), series.fold == fold
 
 
 def fit_path_types(series: Series, rows: Mask, config: Config, *, logarithms: bool = True) -> PathTypes:

@@ -12,7 +12,8 @@ from ..schemas.tasks import Outcome
 from .bicycle import Bicycle
 from .drivers import one_thread, read_series
 from .driving import drive_track
-from .experiment_cells import FUTURE_STEPS, fit_structure, known_lookahead, publish_cell, split_windows
+from .experiment_cells import publish_cell
+from .experiment_models import FUTURE_STEPS, fit_structure, known_lookahead, split_windows
 from .lookahead_models import GeneralLookahead, VelocityLookahead
 from .motion_primitives import N1
 from .track import lay_track

@@ -21,10 +21,7 @@ from ..schemas.tasks import Task
 from .claims import Finding, papers, weigh_claims
 from .drivers import modelled_drivers
 from .experiment_cells import (
-    FUTURE_STEPS,
-    MP_COMPONENTS,
     MP_SUBSET,
-    PAST_STEPS,
     PP_COMPONENTS,
     REGRESSORS,
     evaluate_lookahead,
@@ -32,6 +29,7 @@ from .experiment_cells import (
     evaluate_primitives,
 )
 from .experiment_figures import draw_situations, follow_track
+from .experiment_models import FUTURE_STEPS, MP_COMPONENTS, PAST_STEPS
 
 Experiment = Literal["motion-primitives", "lookahead"]
 

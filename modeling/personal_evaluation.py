@@ -21,14 +21,13 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
-from ..dataset.folds import training_mask
 from ..schemas.config import Config
 from ..schemas.errors import InputError
 from ..schemas.project import Project, encode_name
 from ..schemas.store import Manifest, describe_output, fingerprint, publish_json, publish_text
 from ..schemas.tables import CROSS_DRIVER_COLUMNS, IDENTIFICATION_COLUMNS, LEARNING_CURVE_COLUMNS
 from ..schemas.tasks import Outcome, Task
-from .drivers import one_thread, read_series
+from .drivers import one_thread, read_series, training_and_test
 from .estimator import FloatArray
 from .personal import (
     QUANTITIES,
@@ -46,7 +45,7 @@ from .personal import (
     weight,
 )
 from .regression import MixtureRegression
-from .windows import Mask, Rows, Series
+from .windows import Rows
 
 TABLES = {
     "learning_curve": LEARNING_CURVE_COLUMNS,
@@ -124,7 +123,7 @@ def evaluate_learning_curve(project: Path, drivers: Sequence[str], driver: str, 
             ]
             population = fit_own(others, quantity, settings, seed)
             for fold in range(config.dataset.folds):
-                training, test = _split(own, fold, config)
+                training, test = training_and_test(own, fold, config)
                 asked = take_samples(own, test, quantity, settings)
                 come = first_minutes_after(own, training, fold, rate)
                 models: list[tuple[str, int, MixtureRegression | None]] = [("population", 0, population)]
@@ -158,7 +157,7 @@ def evaluate_across_drivers(project: Path, drivers: Sequence[str], fold: int, co
     """
     settings = config.models.personal
     series = {name: read_series(project, name, config) for name in drivers}
-    splits = {name: _split(own, fold, config) for name, own in series.items()}
+    splits = {name: training_and_test(own, fold, config) for name, own in series.items()}
     matrix: list[Row] = []
     scores: dict[str, dict[str, dict[Quantity, tuple[Samples, dict[str, Likelihoods]]]]] = {}
     problems = []
@@ -331,12 +330,6 @@ def _print_curve(rows: Sequence[Row]) -> Printed:
         *(f"{what}, {m}" for what in ("error", "nats") for m in ("own", "adapted", "population")),
     )
     return "Learning curve: means over drivers and test folds", heads, lines
-
-
-def _split(series: Series, fold: int, config: Config) -> tuple[Mask, Mask]:
-    """Return the rows to learn from and the rows to test."""
-    embargo = round(config.dataset.embargo * 1e9)
-    return training_mask(series.fold, series.recording, series.time, fold, embargo), series.fold == fold
 
 
 def _means(error: FloatArray, likelihoods: Likelihoods) -> Row:

@@ -155,9 +155,8 @@ def drive_laws(
     of = Project(project)
     series = read_series(project, driver, config)
     mixtures, bicycle = load_mixtures(of, driver), Bicycle.of_project(of)
-    inputs = np.column_stack([series.course_deviation, series.speed])
-    known = np.isfinite(inputs).all(axis=1) & np.isfinite(series.lookahead)
-    simple = fit_simple_laws(inputs[known], series.lookahead[known])
+    known = series.has_lookahead
+    simple = fit_simple_laws(series.path_points[known], series.lookahead[known])
     laws: dict[str, LookaheadLaw] = {"general": mixtures[0], "velocity": mixtures[1], **simple}
     limits = DriverLimits.fit(series, config.sync.period / 1e9)
     tracks = [lay_track()] if recording is None else recorded_stretches(of, recording)

@@ -163,9 +163,8 @@ def _train_lookahead(
     parameters: Mapping[str, Any],
 ) -> Outcome:
     series = read_series(project, driver, config)
-    inputs = np.column_stack([series.course_deviation, series.speed])
-    known = np.isfinite(inputs).all(axis=1) & np.isfinite(series.lookahead)
-    inputs, lookahead = inputs[known], series.lookahead[known]
+    known = series.has_lookahead
+    inputs, lookahead = series.path_points[known], series.lookahead[known]
     if len(inputs) < FEWEST_SAMPLES:
         raise _too_few(project, driver, f"{len(inputs)} samples with a lookahead distance", FEWEST_SAMPLES)
     with one_thread():

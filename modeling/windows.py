@@ -86,6 +86,16 @@ class Series:
         """Rows with everything a motion primitive needs (n_rows,)."""
         return np.isfinite(self.course_deviation) & np.isfinite(self.speed) & np.isfinite(self.steering_wheel_angle)
 
+    @property
+    def path_points(self) -> Floats:
+        """O = [Δθ, v] (n_rows, 2), deg per sample and m/s: what lookahead models are given (PP section II-B)."""
+        return np.column_stack([self.course_deviation, self.speed])
+
+    @property
+    def has_lookahead(self) -> Mask:
+        """Rows with everything that a lookahead model needs (n_rows,)."""
+        return np.isfinite(self.course_deviation) & np.isfinite(self.speed) & np.isfinite(self.lookahead)
+
 
 @dataclass(frozen=True, slots=True)
 class Windows:
