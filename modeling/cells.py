@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -76,35 +76,17 @@ def evaluate_motion_primitives(project: Path, driver: str, fold: int, past_steps
     needed = max(windows_needed(learnt.inputs.shape[1] + future, max(settings.components)), FEWEST_SAMPLES)
     if (found := len(learnt.centres)) < needed:
         raise _too_few(project, driver, fold, f"{found} windows to learn from", needed)
-    rows: list[dict[str, Any]] = []
-    horizons: list[dict[str, Any]] = []
-    probabilities: list[dict[str, Any]] = []
-    step = config.sync.period / 1e9
-
-    def note(model: str, forecast: Forecast, path_types: int = 1, components: int | None = None) -> None:
-        name = {
-            "driver": driver,
-            "model": model,
-            "path_types": path_types,
-            "past_steps": past_steps,
-            "future_steps": future,
-            "components": components,
-            "fold": fold,
-        }
-        overall, by_horizon, by_probability = measure(forecast, asked.outputs, step)
-        rows.append(name | overall)
-        horizons.extend(name | row for row in by_horizon)
-        probabilities.extend(name | row for row in by_probability)
-
+    measured = _Measured(driver, fold, past_steps, asked.outputs, config.sync.period / 1e9)
     with one_thread():
         sides = part(series, training + 2 * test, config)
         types = fit_path_types(sides, training, config)
         path_type = label_rows(sides, types, config)
         ridge = Ridge.fit(learnt.inputs, learnt.outputs, gap=past + future)
-        note("persistence", Forecast.gaussian(*Persistence.fit(learnt.current, learnt.outputs).predict(asked.current)))
-        note("ridge", Forecast.gaussian(*ridge.predict(asked.inputs)))
+        persistence = Persistence.fit(learnt.current, learnt.outputs)
+        measured.add("persistence", Forecast.gaussian(*persistence.predict(asked.current)))
+        measured.add("ridge", Forecast.gaussian(*ridge.predict(asked.inputs)))
         for name, forecast in _baselines(learnt, asked, past_steps, config):
-            note(name, forecast)
+            measured.add(name, forecast)
         fallbacks: dict[str, dict[str, str]] = {}
         fitted: dict[str, Any] = {}
         for components in settings.components:
@@ -125,11 +107,49 @@ def evaluate_motion_primitives(project: Path, driver: str, fold: int, past_steps
                     primitives = finest.coarser(n1)
                     fallbacks[f"{model}, {n1} path types, {components} components"] = primitives.fallbacks()
                     forecast = primitives.forecast(asked.inputs, path_type[asked.centres])
-                    note(model, forecast, n1, components)
+                    measured.add(model, forecast, n1, components)
     said = {"penalty": ridge.penalty, "fits": fitted, "clusters": describe_path_types(types), "fallbacks": fallbacks}
-    details = {"horizons": horizons, "calibration": probabilities}
+    details = {"horizons": measured.horizons, "calibration": measured.probabilities}
     file = f"fold-{fold}.past-{past_steps}.json"
-    return _publish(project, Path("motion_primitives") / encode_name(driver) / file, rows, said | details)
+    return _publish(project, Path("motion_primitives") / encode_name(driver) / file, measured.rows, said | details)
+
+
+@dataclass
+class _Measured:
+    """What a cell has measured so far: over all steps, by horizon, and by probability.
+
+    Attributes:
+        driver: Whose data.
+        fold: The test fold.
+        past_steps: n₂.
+        truth: What the driver did in the windows of the fold, deg (n_windows, n₃).
+        step: s between two steps.
+    """
+
+    driver: str
+    fold: int
+    past_steps: int
+    truth: Floats
+    step: float
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    horizons: list[dict[str, Any]] = field(default_factory=list)
+    probabilities: list[dict[str, Any]] = field(default_factory=list)
+
+    def add(self, model: str, forecast: Forecast, path_types: int = 1, components: int | None = None) -> None:
+        """Measure a model's forecast of these windows."""
+        point = {
+            "driver": self.driver,
+            "model": model,
+            "path_types": path_types,
+            "past_steps": self.past_steps,
+            "future_steps": self.truth.shape[1],
+            "components": components,
+            "fold": self.fold,
+        }
+        overall, by_horizon, by_probability = measure(forecast, self.truth, self.step)
+        self.rows.append(point | overall)
+        self.horizons.extend(point | row for row in by_horizon)
+        self.probabilities.extend(point | row for row in by_probability)
 
 
 def fit_mixture(
