@@ -21,33 +21,33 @@ def complaints(message: MessageLayout) -> list[str]:
     """Say what makes a message impossible to decode."""
     by_name = {signal.name: signal for signal in message.signals}
     bits = 29 if message.extended else 11
-    complaints = [] if 0 <= message.id < 1 << bits else [f"its identifier {message.id} is not one of {bits} bits"]
-    complaints += ["it has no name"] if not message.name else []
-    complaints += ["a signal has no name"] if not all(by_name) else []
-    complaints += [
+    found = [] if 0 <= message.id < 1 << bits else [f"its identifier {message.id} is not one of {bits} bits"]
+    found += ["it has no name"] if not message.name else []
+    found += ["a signal has no name"] if not all(by_name) else []
+    found += [
         f"{count} signals are called {name}; rename all but one"
         for name, count in Counter(signal.column for signal in message.signals).items()
         if count > 1
     ]
     for signal in message.signals:
         if signal.start < 0 or signal.length < 1:
-            complaints.append(f"signal {signal.name} has {signal.length} bits from bit {signal.start}")
+            found.append(f"signal {signal.name} has {signal.length} bits from bit {signal.start}")
         if signal.is_float and signal.length not in (16, 32, 64):
-            complaints.append(f"signal {signal.name} is a float of {signal.length} bits, where 16, 32 and 64 exist")
+            found.append(f"signal {signal.name} is a float of {signal.length} bits, where 16, 32 and 64 exist")
         if not (abs(signal.scale) < LARGEST and abs(signal.offset) < LARGEST):
-            complaints.append(f"signal {signal.name} has a scale or offset beyond {LARGEST:g}")
+            found.append(f"signal {signal.name} has a scale or offset beyond {LARGEST:g}")
         chain = [signal.name]
         while (parent := by_name[chain[-1]].multiplexer) is not None and len(chain) == len(set(chain)):
             if parent not in by_name:
-                complaints.append(f"signal {chain[-1]} is selected by {parent}, which is not there")
+                found.append(f"signal {chain[-1]} is selected by {parent}, which is not there")
                 break
             if by_name[parent].length > 64:
-                complaints.append(f"multiplexer {parent} has {by_name[parent].length} bits, more than 64")
+                found.append(f"multiplexer {parent} has {by_name[parent].length} bits, more than 64")
                 break
             chain.append(parent)
         if len(chain) > len(set(chain)):
-            complaints.append(f"multiplexers select each other: {' by '.join(chain)}")
-    return complaints
+            found.append(f"multiplexers select each other: {' by '.join(chain)}")
+    return found
 
 
 def tolerated(path: Path, message: MessageLayout, lines: Mapping[int, int]) -> list[Repair]:
