@@ -12,14 +12,8 @@ import numpy as np
 
 from wheelprint.modeling.baselines import Ridge
 from wheelprint.modeling.drivers import modelled_drivers, one_thread, read_series
-from wheelprint.modeling.experiment_cells import (
-    FUTURE_STEPS,
-    WITHIN_68,
-    _columns,
-    fit_apart,
-    known_lookahead,
-    split_windows,
-)
+from wheelprint.modeling.experiment_cells import WITHIN_68, _columns
+from wheelprint.modeling.experiment_models import FUTURE_STEPS, fit_apart, known_lookahead, split_windows
 from wheelprint.modeling.lookahead_models import Estimate, GeneralLookahead
 from wheelprint.modeling.mixture import GaussianMixture
 from wheelprint.modeling.motion_primitives import TOLERANCE, fit_motion_primitives

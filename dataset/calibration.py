@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -119,29 +120,11 @@ def estimate_steering(
         )
         return _untold(ratio, offset, len(wheel), reason)
 
-    block = np.flatnonzero(used) // round(BLOCK_S * rate)
-    gradient = 0.0
     ratio_error, offset_error = (None if value is None else 0.0 for value in (ratio, offset))
-    for _ in range(GRADIENT_STEPS):
-        tangent = curvature * (wheelbase + gradient * v**2)
-        road_wheel = averaged(np.degrees(np.arctan(tangent)))[used]
-        columns = {"understeer": averaged(np.degrees(curvature * v**2 / (1 + tangent**2)))[used]}
-        if ratio is None:
-            columns["ratio"] = road_wheel
-        if offset is None:
-            columns["offset"] = np.ones(len(wheel))
-        target = wheel - (offset or 0.0) - (ratio or 0.0) * road_wheel
-        fitted = dict(zip(columns, _robust_fit(np.column_stack(list(columns.values())), target, block), strict=True))
-        scale, scale_error = fitted.get("ratio", (ratio, 0.0))
-        # Where the ratio is not told, the understeer is not either, and the linear model is as good.
-        if not scale or not scale_error <= MAXIMUM_RATIO_ERROR * scale:
-            break
-        step = fitted["understeer"][0] / scale
-        if not abs(gradient + step) < MAXIMUM_GRADIENT:
-            break
-        gradient += step
-        if abs(step) < GRADIENT_TOLERANCE:
-            break
+    fitted, understeer = _fit_model(
+        wheel, curvature, v, wheelbase, lambda values: averaged(values)[used],
+        np.flatnonzero(used) // round(BLOCK_S * rate), ratio, offset,
+    )  # fmt: skip
     reasons = []
     if "ratio" in fitted:
         ratio, ratio_error = fitted["ratio"]
@@ -161,14 +144,63 @@ def estimate_steering(
                 "vehicle.steering_offset"
             )
             offset = offset_error = None
-    understeer = None if ratio is None else float(np.degrees(gradient))
-    return SteeringCalibration(ratio, ratio_error, offset, offset_error, understeer, len(wheel), "; ".join(reasons))
+    told = None if ratio is None else float(np.degrees(understeer))
+    return SteeringCalibration(ratio, ratio_error, offset, offset_error, told, len(wheel), "; ".join(reasons))
 
 
 def _untold(ratio: float | None, offset: float | None, samples: int, reason: str) -> SteeringCalibration:
     """Return what was given, where nothing can be fitted."""
     ratio_error, offset_error = (None if value is None else 0.0 for value in (ratio, offset))
     return SteeringCalibration(ratio, ratio_error, offset, offset_error, None, samples, reason)
+
+
+def _fit_model(
+    wheel: Array,
+    curvature: Array,
+    speed: Array,
+    wheelbase: float,
+    averaged: Callable[[Array], Array],
+    block: npt.NDArray[np.intp],
+    ratio: float | None,
+    offset: float | None,
+) -> tuple[dict[str, tuple[float, float]], float]:
+    """Fit the understeer by Gauss-Newton, and with it ratio and offset, as far as they are not given.
+
+    Args:
+        wheel: Averaged steering wheel angle, deg (n_used,).
+        curvature: 1/m (n_samples,).
+        speed: m/s (n_samples,).
+        wheelbase: m.
+        averaged: From (n_samples,) to the averages that are used (n_used,).
+        block: Number of the block of each (n_used,).
+        ratio: If it is given.
+        offset: If it is given, deg.
+
+    Returns:
+        `ratio` and `offset` (deg) with their standard errors by name, and the understeer in rad/(m/s²).
+    """
+    understeer = 0.0
+    for _ in range(GRADIENT_STEPS):
+        tangent = curvature * (wheelbase + understeer * speed**2)
+        road_wheel = averaged(np.degrees(np.arctan(tangent)))
+        columns = {"step": averaged(np.degrees(curvature * speed**2 / (1 + tangent**2)))}
+        if ratio is None:
+            columns["ratio"] = road_wheel
+        if offset is None:
+            columns["offset"] = np.ones(len(wheel))
+        target = wheel - (offset or 0.0) - (ratio or 0.0) * road_wheel
+        fitted = dict(zip(columns, _robust_fit(np.column_stack(list(columns.values())), target, block), strict=True))
+        scale, scale_error = fitted.get("ratio", (ratio, 0.0))
+        # Where the ratio is not told, the understeer is not either, and the linear model is as good.
+        if not scale or not scale_error <= MAXIMUM_RATIO_ERROR * scale:
+            break
+        step = fitted["step"][0] / scale
+        if not abs(understeer + step) < MAXIMUM_GRADIENT:
+            break
+        understeer += step
+        if abs(step) < GRADIENT_TOLERANCE:
+            break
+    return fitted, understeer
 
 
 def _robust_fit(design: Array, target: Array, block: npt.NDArray[np.intp]) -> list[tuple[float, float]]:

@@ -39,19 +39,23 @@ def adapt(
     noise: FloatArray | float = 0.0,
     steps: int = STEPS,
 ) -> GaussianMixture:
-    """Adapt a mixture to rows by EM with the mixture as conjugate prior.
+    """Adapt a mixture to rows by EM with the mixture as conjugate prior, by the formulas of the module.
 
     Args:
         prior: Mixture with K components of d channels.
         rows: What to adapt to (n_rows, d), in the units of the prior.
-        relevance: r above 0, rows that the prior stands for in each component.
+        relevance: r above 0, number of rows that the prior stands for in each component.
         weights: Adapt the weights; without, they stay the prior's.
         covariances: Adapt the covariances; without, they stay the prior's.
-        noise: Sum of squares of further rows of noise in each component's covariance, a figure or (d,).
+        noise: Sum of squares of further rows of noise, a figure or (d,), in the squared units of the prior; divided by
+            n_k + r it is added to the diagonal of each Σ̂_k.
         steps: EM steps; 1 is Reynolds' adaptation.
 
+    Returns:
+        A mixture of as many components; the prior itself where there are no rows.
+
     Raises:
-        ValueError: The relevance is not positive, or the rows do not have the prior's channels.
+        ValueError: The relevance is not positive, or the rows do not have the prior's channels, or hold missing values.
     """
     if not relevance > 0:
         raise ValueError(f"relevance must be positive, found {relevance!r}")

@@ -22,23 +22,27 @@ class Persistence:
     """Nothing changes: every future value is the current one.
 
     Attributes:
-        variances: Mean square error of each step on the training data (n_outputs,), of a Gaussian band.
+        variances: Mean square error of each step on the training data (n_outputs,), of a Gaussian band, in the square
+            of the data's unit.
     """
 
     variances: Floats
 
     @classmethod
     def fit(cls, current: Floats, outputs: Floats) -> Persistence:
-        """Measure the errors.
+        """Measure the errors: the variance of step j is the mean of (y_j − current)².
 
         Args:
-            current: Current value of every sample (n_samples,).
-            outputs: Values that follow (n_samples, n_outputs).
+            current: Current value of every sample (n_samples,), in any unit.
+            outputs: Values that follow (n_samples, n_outputs), in the same unit.
         """
         return cls(np.square(outputs - current[:, None]).mean(axis=0))
 
     def predict(self, current: Floats) -> tuple[Floats, Floats]:
-        """Return means and variances, each (n_samples, n_outputs)."""
+        """Return means and variances, each (n_samples, n_outputs), of current values (n_samples,).
+
+        They are in the unit of the data and its square.
+        """
         shape = (len(current), len(self.variances))
         return np.broadcast_to(current[:, None], shape), np.broadcast_to(self.variances, shape)
 
@@ -48,10 +52,11 @@ class Ridge:
     """Ridge regression in closed form: coefficients B of min ‖Y − ZB‖² + α‖B‖², inputs Z standardised, Y centred.
 
     Attributes:
-        penalty: α, for inputs of variance 1.
+        penalty: α, for inputs of variance 1: a number of rows.
         coefficients: B in the units of the data (n_inputs, n_outputs).
-        intercept: (n_outputs,).
-        variances: Mean square error of each output in the cross-validation that chose α (n_outputs,).
+        intercept: In the outputs' units (n_outputs,).
+        variances: Mean square error of each output in the cross-validation that chose α (n_outputs,), in the squares of
+            the outputs' units.
     """
 
     penalty: float
@@ -63,18 +68,18 @@ class Ridge:
     def fit(
         cls, inputs: Floats, outputs: Floats, *, blocks: int = 10, gap: int = 0, penalties: Sequence[float] = PENALTIES
     ) -> Ridge:
-        """Choose the penalty by cross-validation and fit all samples with it.
+        """Choose the penalty by cross-validation and fit all samples with it, B = (ZᵀZ + αI)⁻¹ZᵀY.
 
         Neighbouring windows are nearly equal, so that leaving out single samples, or generalised cross-validation,
         would choose next to no penalty. Whole blocks are left out instead, with a gap on both sides. The penalty of
         the smallest mean absolute error is taken: it is what the evaluation measures.
 
         Args:
-            inputs: Shape (n_samples, n_inputs), in the order of time.
-            outputs: Shape (n_samples, n_outputs).
+            inputs: Shape (n_samples, n_inputs), in any units, finite, in the order of time.
+            outputs: Shape (n_samples, n_outputs), in any units, finite.
             blocks: Contiguous blocks that are left out in turn.
             gap: Samples left out of the fit on both sides of each block.
-            penalties: Values of α to choose from; the order does not matter.
+            penalties: Values of α to choose from, numbers of rows above 0; the order does not matter.
 
         Raises:
             ValueError: There are fewer samples than two blocks need.
@@ -102,7 +107,10 @@ class Ridge:
         return cls(penalties[best], coefficients, level - mean @ coefficients, square[best] / tested)
 
     def predict(self, inputs: Floats) -> tuple[Floats, Floats]:
-        """Return means and variances, each (n_samples, n_outputs), of inputs (n_samples, n_inputs)."""
+        """Return means ŷ = XB + intercept and variances, each (n_samples, n_outputs), of X (n_samples, n_inputs).
+
+        They are in the units of the data and their squares.
+        """
         mean: Floats = inputs @ self.coefficients + self.intercept
         return mean, np.broadcast_to(self.variances, mean.shape)
 

@@ -21,12 +21,12 @@ LOCK = 38.0
 class Bicycle:
     """A front-steered car, its reference point the middle of the rear axle.
 
-    At speed v and road wheel angle δ it goes along the curvature κ = tan δ / (L + K v²). Steering wheel angles are
-    without the sensor's offset, as in the dataset.
+    At speed v and road wheel angle δ it goes along the curvature κ = tan δ / (L + K v²); angles and curvatures are
+    positive to the left. Steering wheel angles are without the sensor's offset, as in the dataset.
 
     Attributes:
         wheelbase: L, m.
-        ratio: Steering wheel angle over road wheel angle; 1 where angles of the road wheels are meant.
+        ratio: Steering ratio, steering wheel angle over road wheel angle; 1 where angles of the road wheels are meant.
         understeer: K, rad/(m/s²); 0 for a kinematic bicycle.
     """
 
@@ -39,7 +39,7 @@ class Bicycle:
         """Return the project's vehicle as `wheelprint build` calibrated it; a negative understeer is taken for none.
 
         Raises:
-            InputError: It was not calibrated yet.
+            InputError: It was not calibrated yet, or the project file or the manifest cannot be read.
         """
         known = project.manifest.get("calibration", {})
         if not known.get("steering_ratio"):
@@ -49,11 +49,21 @@ class Bicycle:
         return cls(project.config.vehicle.wheelbase, known["steering_ratio"], float(understeer))
 
     def curvature(self, steering_wheel_angle: FloatArray, speed: FloatArray) -> FloatArray:
-        """Return κ in 1/m (n,) for steering wheel angles in deg (n,) at speeds in m/s (n,)."""
+        """Return κ = tan(δ_s / ratio) / (L + K v²), 1/m (n,).
+
+        Args:
+            steering_wheel_angle: δ_s, deg (n,).
+            speed: v, m/s (n,).
+        """
         found: FloatArray = np.tan(np.radians(steering_wheel_angle) / self.ratio)
         return found / (self.wheelbase + self.understeer * speed**2)
 
     def steering_wheel_angle(self, curvature: FloatArray, speed: FloatArray) -> FloatArray:
-        """Return the steering wheel angle in deg (n,) that goes along κ in 1/m (n,) at speeds in m/s (n,)."""
+        """Return the steering wheel angle that goes along a curvature, ratio · atan(κ (L + K v²)), deg (n,).
+
+        Args:
+            curvature: κ, 1/m (n,).
+            speed: v, m/s (n,).
+        """
         found: FloatArray = np.degrees(np.arctan(curvature * (self.wheelbase + self.understeer * speed**2)))
         return found * self.ratio

@@ -27,7 +27,7 @@ class Calibration:
 
     Attributes:
         scale: In standard deviations as the model states them (n_steps,).
-        freedom: Degrees of freedom (n_steps,); infinite: Gaussian.
+        freedom: Degrees of freedom ν, pure numbers (n_steps,); infinite: Gaussian.
     """
 
     scale: Floats
@@ -35,16 +35,21 @@ class Calibration:
 
     @classmethod
     def gaussian(cls, steps: int) -> Self:
-        """Return the distribution that a mean and a standard deviation stand for by themselves."""
+        """Return the distribution that a mean and a standard deviation stand for by themselves: scale 1, ν = ∞."""
         return cls(np.ones(steps), np.full(steps, np.inf))
 
     @classmethod
     def fit(cls, errors: Floats, sd: Floats) -> Self:
         """Let the central 68 % and 95 % bands hold just so much of held-out errors.
 
+        With z₆₈ and z₉₅, the quantiles of |error| / sd, and t_ν(p), those of Student's t, ν is that of `FREEDOM` whose
+        t_ν(0.975) / t_ν(0.84) is nearest to z₉₅ / z₆₈, and the scale = z₆₈ / t_ν(0.84), so that the narrower band is
+        right exactly.
+
         Args:
-            errors: What happened minus the predicted mean (n_samples, n_steps), on data that was not learnt from.
-            sd: Standard deviations that the model stated (n_samples, n_steps).
+            errors: What happened minus the predicted mean (n_samples, n_steps), on data that was not learnt from, in
+                any unit; one sample at least.
+            sd: Standard deviations that the model stated, above 0, like `errors`.
         """
         narrow, wide = np.quantile(np.abs(errors / sd), (0.68, 0.95), axis=0)
         narrow_of_t, wide_of_t = (_quantile(FREEDOM, quantile) for quantile in (0.84, 0.975))
@@ -52,16 +57,39 @@ class Calibration:
         return cls(narrow / narrow_of_t[nearest], FREEDOM[nearest])
 
     def half_width(self, sd: Floats, share: float) -> Floats:
-        """Return half the width of the central band that holds a share, like `sd` (n_samples, n_steps)."""
+        """Return half the width w of the central band that holds a share: w = sd · scale · t_ν((1 + share) / 2).
+
+        Args:
+            sd: Standard deviations that the model stated (n_samples, n_steps).
+            share: Between 0 and 1.
+
+        Returns:
+            Like `sd`, in its unit.
+        """
         return sd * (self.scale * _quantile(self.freedom, (1.0 + share) / 2.0))
 
     def variance(self, sd: Floats) -> Floats:
-        """Return the variance of the distribution, like `sd` (n_samples, n_steps)."""
+        """Return the variance of the distribution, (sd · scale)² ν / (ν − 2).
+
+        Args:
+            sd: Standard deviations that the model stated (n_samples, n_steps), in any unit.
+
+        Returns:
+            Like `sd`, in the square of its unit.
+        """
         heavier = 1.0 / (1.0 - 2.0 / self.freedom)
         return np.square(sd * self.scale) * heavier
 
     def probability(self, errors: Floats, sd: Floats) -> Floats:
-        """Return the probability of a smaller error, the probability integral transform (n_samples, n_steps)."""
+        """Return the probability of a smaller error, u = F_ν(error / (sd · scale)): the probability integral transform.
+
+        Args:
+            errors: What happened minus the predicted mean (n_samples, n_steps), in any unit.
+            sd: Standard deviations that the model stated, like `errors`.
+
+        Returns:
+            Shape (n_samples, n_steps), between 0 and 1.
+        """
         return _distribution(self.freedom, errors / (sd * self.scale))
 
     def crps(self, errors: Floats, sd: Floats, probability: Floats | None = None) -> Floats:
@@ -71,7 +99,7 @@ class Calibration:
         Lerch (2019) for Student's t. A forecast of one value without spread has its absolute error.
 
         Args:
-            errors: What happened minus the predicted mean (n_samples, n_steps).
+            errors: What happened minus the predicted mean (n_samples, n_steps), in any unit.
             sd: Standard deviations that the model stated, like `errors`.
             probability: What `probability` says of them, like `errors`, where that is known already.
         """
@@ -116,7 +144,7 @@ class Forecast:
 
     @classmethod
     def gaussian(cls, mean: Floats, variance: Floats) -> Self:
-        """Return a forecast of Gaussians with means and variances (n_windows, n_steps)."""
+        """Return a forecast of Gaussians with means, deg, and variances, deg², each (n_windows, n_steps); sd = √var."""
         return cls(mean, np.sqrt(variance), Calibration.gaussian(mean.shape[1]))
 
 

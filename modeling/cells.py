@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..dataset.folds import training_mask
 from ..schemas.config import Config
 from ..schemas.errors import InputError
 from ..schemas.project import encode_name
@@ -21,14 +20,22 @@ from .baselines import Persistence, Ridge
 from .calibration import Forecast
 from .curvature import curvature_blocks
 from .curvature_primitives import fit_curvature_primitives
-from .drivers import describe_path_types, fit_path_types, label_rows, one_thread, part, read_series
+from .drivers import (
+    describe_path_types,
+    fit_path_types,
+    label_rows,
+    one_thread,
+    part,
+    read_series,
+    training_and_test,
+)
 from .held_out import blocks_of, calibrate
 from .kinematic import Kinematic
 from .learned_baselines import LearnedBaseline
 from .lookahead_models import GeneralLookahead, VelocityLookahead
 from .measures import measure
 from .motion_primitives import N1, MotionPrimitives, fit_motion_primitives, windows_needed
-from .windows import Floats, Mask, Rows, Series, Windows, cut_windows, spread_out, window_centres
+from .windows import Floats, Mask, Rows, Windows, cut_windows, spread_out, window_centres
 
 MIXTURES = {"paper": "mixture", "curvature": "curvature_mixture"}
 """Mixture as `[models.motion_primitives] inputs` names it -> its name in the results."""
@@ -38,7 +45,7 @@ FEWEST_SAMPLES = 100
 
 
 def evaluate_motion_primitives(project: Path, driver: str, fold: int, past_steps: int, config: Config) -> Outcome:
-    """Fit motion primitives and baselines to all folds but one and test them on that one.
+    """Fit motion primitives and baselines to all folds but one and test them on that one (PP eq. 12).
 
     Segments and types of path are those of the training folds too, and the type of a row is told by rows of its own
     side alone, training or test. All numbers of past steps are tested on the same windows, those that are whole for the
@@ -47,16 +54,20 @@ def evaluate_motion_primitives(project: Path, driver: str, fold: int, past_steps
     Args:
         project: Project folder.
         driver: Whose data.
-        fold: The test fold.
+        fold: The test fold, from 0.
         past_steps: n₂.
         config: The project file.
 
+    Returns:
+        The cell, with the measures of `measures.measure`; a problem where the test fold has no whole window.
+
     Raises:
-        InputError: There are too few windows to learn from.
+        InputError: There are too few windows to learn from, no segment lies entirely in the training folds, or the
+            dataset cannot be read.
     """
     settings = config.models.motion_primitives
     series = read_series(project, driver, config)
-    training, test = _split(series, fold, config)
+    training, test = training_and_test(series, fold, config)
     past, future = max(*settings.past_steps, 0), settings.future_steps
     complete = series.has_path_and_steering
     of_training, of_test = (window_centres(series.stretch, rows & complete, past, future) for rows in (training, test))
@@ -65,35 +76,17 @@ def evaluate_motion_primitives(project: Path, driver: str, fold: int, past_steps
     needed = max(windows_needed(learnt.inputs.shape[1] + future, max(settings.components)), FEWEST_SAMPLES)
     if (found := len(learnt.centres)) < needed:
         raise _too_few(project, driver, fold, f"{found} windows to learn from", needed)
-    rows: list[dict[str, Any]] = []
-    horizons: list[dict[str, Any]] = []
-    probabilities: list[dict[str, Any]] = []
-    step = config.sync.period / 1e9
-
-    def note(model: str, forecast: Forecast, path_types: int = 1, components: int | None = None) -> None:
-        name = {
-            "driver": driver,
-            "model": model,
-            "path_types": path_types,
-            "past_steps": past_steps,
-            "future_steps": future,
-            "components": components,
-            "fold": fold,
-        }
-        overall, by_horizon, by_probability = measure(forecast, asked.outputs, step)
-        rows.append(name | overall)
-        horizons.extend(name | row for row in by_horizon)
-        probabilities.extend(name | row for row in by_probability)
-
+    measured = _Measured(driver, fold, past_steps, asked.outputs, config.sync.period / 1e9)
     with one_thread():
         sides = part(series, training + 2 * test, config)
         types = fit_path_types(sides, training, config)
         path_type = label_rows(sides, types, config)
         ridge = Ridge.fit(learnt.inputs, learnt.outputs, gap=past + future)
-        note("persistence", Forecast.gaussian(*Persistence.fit(learnt.current, learnt.outputs).predict(asked.current)))
-        note("ridge", Forecast.gaussian(*ridge.predict(asked.inputs)))
+        persistence = Persistence.fit(learnt.current, learnt.outputs)
+        measured.add("persistence", Forecast.gaussian(*persistence.predict(asked.current)))
+        measured.add("ridge", Forecast.gaussian(*ridge.predict(asked.inputs)))
         for name, forecast in _baselines(learnt, asked, past_steps, config):
-            note(name, forecast)
+            measured.add(name, forecast)
         fallbacks: dict[str, dict[str, str]] = {}
         fitted: dict[str, Any] = {}
         for components in settings.components:
@@ -114,11 +107,49 @@ def evaluate_motion_primitives(project: Path, driver: str, fold: int, past_steps
                     primitives = finest.coarser(n1)
                     fallbacks[f"{model}, {n1} path types, {components} components"] = primitives.fallbacks()
                     forecast = primitives.forecast(asked.inputs, path_type[asked.centres])
-                    note(model, forecast, n1, components)
+                    measured.add(model, forecast, n1, components)
     said = {"penalty": ridge.penalty, "fits": fitted, "clusters": describe_path_types(types), "fallbacks": fallbacks}
-    details = {"horizons": horizons, "calibration": probabilities}
+    details = {"horizons": measured.horizons, "calibration": measured.probabilities}
     file = f"fold-{fold}.past-{past_steps}.json"
-    return _publish(project, Path("motion_primitives") / encode_name(driver) / file, rows, said | details)
+    return _publish(project, Path("motion_primitives") / encode_name(driver) / file, measured.rows, said | details)
+
+
+@dataclass
+class _Measured:
+    """What a cell has measured so far: over all steps, by horizon, and by probability.
+
+    Attributes:
+        driver: Whose data.
+        fold: The test fold.
+        past_steps: n₂.
+        truth: What the driver did in the windows of the fold, deg (n_windows, n₃).
+        step: s between two steps.
+    """
+
+    driver: str
+    fold: int
+    past_steps: int
+    truth: Floats
+    step: float
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    horizons: list[dict[str, Any]] = field(default_factory=list)
+    probabilities: list[dict[str, Any]] = field(default_factory=list)
+
+    def add(self, model: str, forecast: Forecast, path_types: int = 1, components: int | None = None) -> None:
+        """Measure a model's forecast of these windows."""
+        point = {
+            "driver": self.driver,
+            "model": model,
+            "path_types": path_types,
+            "past_steps": self.past_steps,
+            "future_steps": self.truth.shape[1],
+            "components": components,
+            "fold": self.fold,
+        }
+        overall, by_horizon, by_probability = measure(forecast, self.truth, self.step)
+        self.rows.append(point | overall)
+        self.horizons.extend(point | row for row in by_horizon)
+        self.probabilities.extend(point | row for row in by_probability)
 
 
 def fit_mixture(
@@ -140,11 +171,14 @@ def fit_mixture(
         told_apart: Each n₁ that will be asked for.
         past_steps: n₂.
         components: n₄.
-        penalty: What ridge regression of the same windows chose.
+        penalty: What ridge regression of the same windows chose, a number of rows.
         config: The project file.
 
     Returns:
         The motion primitives, and what was chosen: `covariance_shrinkage_rows` or `tied`, and whether `calibrated`.
+
+    Raises:
+        ValueError: There are fewer windows than `windows_needed`.
     """
     settings, seed = config.models.motion_primitives, config.models.seed
     finest, levels = max(told_apart), told_apart if settings.calibrate else ()
@@ -208,7 +242,7 @@ def _baselines(learnt: Windows, asked: Windows, past_steps: int, config: Config)
 
 
 def evaluate_lookahead(project: Path, driver: str, fold: int, config: Config) -> Outcome:
-    """Fit lookahead models and baselines to all folds but one and test them on both splits.
+    """Fit lookahead models and baselines to all folds but one and test them on both splits (PP eqs. 12, 22 and 23).
 
     Persistence is the lookahead distance of the previous sample. That follows from the driver's own steering 0.1 s ago,
     which no model is given: it shows how slowly the distance changes, and is not what a model has to beat. Samples
@@ -217,19 +251,21 @@ def evaluate_lookahead(project: Path, driver: str, fold: int, config: Config) ->
     Args:
         project: Project folder.
         driver: Whose data.
-        fold: The test fold.
+        fold: The test fold, from 0.
         config: The project file.
 
+    Returns:
+        The cell: mean error and mean standard deviation, m; a problem where the test fold has no lookahead distance.
+
     Raises:
-        InputError: There are too few samples to learn from.
+        InputError: There are too few samples to learn from, or the dataset cannot be read.
     """
     settings, seed = config.models.lookahead, config.models.seed
     series = read_series(project, driver, config)
-    path = np.column_stack([series.course_deviation, series.speed])
     before = np.append(np.nan, np.where(np.diff(series.stretch) == 0, series.lookahead[:-1], np.nan))
-    known = np.isfinite(path).all(axis=1) & np.isfinite(series.lookahead)
-    training, test = (rows[known] for rows in _split(series, fold, config))
-    inputs, lookahead, previous = path[known], series.lookahead[known], before[known]
+    known = series.has_lookahead
+    training, test = (rows[known] for rows in training_and_test(series, fold, config))
+    inputs, lookahead, previous = series.path_points[known], series.lookahead[known], before[known]
     if (found := int(training.sum())) < FEWEST_SAMPLES:
         raise _too_few(project, driver, fold, f"{found} lookahead distances to learn from", FEWEST_SAMPLES)
     rows: list[dict[str, Any]] = []
@@ -271,12 +307,6 @@ def evaluate_lookahead(project: Path, driver: str, fold: int, config: Config) ->
                 fallbacks[f"velocity, {components} components, {regressors} regressors"] = list(velocity.fallbacks)
     name = Path("lookahead") / encode_name(driver) / f"fold-{fold}.json"
     return _publish(project, name, rows, {"fallbacks": fallbacks})
-
-
-def _split(series: Series, fold: int, config: Config) -> tuple[Mask, Mask]:
-    """Return the rows to learn from and the rows to test."""
-    embargo = round(config.dataset.embargo * 1e9)
-    return training_mask(series.fold, series.recording, series.time, fold, embargo), series.fold == fold
 
 
 def _mean(values: Floats | Mask) -> float | None:

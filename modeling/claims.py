@@ -37,7 +37,7 @@ class Change:
     Attributes:
         pairs: Pairs of a driver and a fold.
         base: Mean of the measure before, over the pairs, in its own unit.
-        changed: Mean of the measure after.
+        changed: Mean of the measure after, in the same unit.
         change: Relative change (geometric mean over the pairs), %.
         low: Lower end of the interval, %.
         high: Upper end of the interval, %.
@@ -65,7 +65,12 @@ class Finding:
         paper_change: The paper's relative change, %; None where it gives none.
         driver: Whose data; `all` is every driver with equal weight.
         windows: MP: all windows, or those of path type 1-1-1 as in the paper; empty for PP.
-        pairs: See `Change`, as the following ones.
+        pairs: See `Change`.
+        base: See `Change`.
+        changed: See `Change`.
+        change: See `Change`.
+        low: See `Change`.
+        high: See `Change`.
         verdict: `holds`, `does not hold` or `cannot be told`.
         in_words: The verdict with its reason.
     """
@@ -96,15 +101,18 @@ def papers() -> dict[str, Any]:
 
 
 def weigh_claims(rows: Sequence[Row], paper: str, folds: int) -> list[Finding]:
-    """Test the claims of a paper.
+    """Test the claims of a paper by `paired_change`.
 
     Args:
         rows: Results of its experiment, one for each point, driver and fold.
         paper: MP or PP.
-        folds: M, also where only some of them are done.
+        folds: M, at least 2, also where only some of them are done.
 
     Returns:
         A finding for each claim, kind of windows, and driver; `all` drivers first.
+
+    Raises:
+        ValueError: A measure is zero or negative and so has no logarithm.
     """
     drivers = list(dict.fromkeys(row["driver"] for row in rows))
     kinds = list(dict.fromkeys(row.get("windows", "") for row in rows))
@@ -135,11 +143,14 @@ def weigh_claims(rows: Sequence[Row], paper: str, folds: int) -> list[Finding]:
 
 
 def paired_change(pairs: Iterable[tuple[str, float, float]], folds: int) -> Change:
-    """Return the relative change with its interval.
+    """Return the relative change, exp(d) − 1, with its interval, exp(d ± t √Var) − 1, in %; see the module.
 
     Args:
-        pairs: Driver, measure before and measure after, both positive, of each fold.
-        folds: M.
+        pairs: Driver, measure before and measure after, both positive and in any one unit, of each fold.
+        folds: M, at least 2.
+
+    Raises:
+        ValueError: A measure is zero or negative and so has no logarithm.
     """
     by_driver: dict[str, list[tuple[float, float]]] = {}
     for driver, before, after in pairs:
@@ -164,7 +175,7 @@ def paired_change(pairs: Iterable[tuple[str, float, float]], folds: int) -> Chan
 
 
 def judge(change: Change, expected: str) -> tuple[str, str]:
-    """Return the verdict on a claim and the reason in words.
+    """Return the verdict on a claim, `HOLDS`, `FAILS` or `OPEN`, and the reason in words.
 
     Args:
         change: What was found.

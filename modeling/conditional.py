@@ -13,12 +13,12 @@ from .wide_rows import BLOCK, Bound, buffers_of, evaluate, log_sums
 
 
 class Conditional(NamedTuple):
-    """A mixture regression of q outputs on d inputs, computed once for all predictions.
+    """A mixture regression of q outputs on d inputs, computed once for all predictions, in the units of the data.
 
     Attributes:
         means: μ_x (k, d).
         inverses: W of Σ_xx (k, d, d).
-        constants: Log p_k g_k(x) at μ_x, or log g_k (`faithful`) (k,).
+        constants: Log p_k g_k(x) at μ_x, or log g_k (`faithful`), nats (k,).
         bound: See there.
         outputs: μ_y (k, q).
         gains: Σ_yx Wᵀ, whose product with W(x − μ_x) is the conditional mean less μ_y (k, q, d).
@@ -38,17 +38,17 @@ class Conditional(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def predict_rows(rows: FloatArray, conditional: Conditional, cutoff: float, mean: FloatArray, sd: FloatArray) -> None:
-    """Write means and standard deviations, each (n, q), see `MixtureRegression`.
+    """Write means and standard deviations, each (n, q), in the units of the data; see `MixtureRegression`.
 
     Both are gathered about the mean of the component that a row is computed for first, its most likely one as a rule:
     the variance between components then cancels nothing, however far the outputs lie from zero.
 
     Args:
-        rows: Inputs (n, d).
+        rows: Inputs (n, d), in the units of the data.
         conditional: The regression.
         cutoff: Nats below a row's most likely component from which on components may be left out.
-        mean: Shape (n, q).
-        sd: Shape (n, q).
+        mean: Written (n, q), in the units of the data.
+        sd: Written (n, q), in the units of the data.
     """
     n, d = rows.shape
     k, q = conditional.outputs.shape

@@ -29,13 +29,13 @@ def conditional_mode(regression: MixtureRegression, inputs: FloatArray) -> Float
 
     Args:
         regression: A fitted regression with one output.
-        inputs: Shape (n_samples, n_inputs).
+        inputs: Shape (n_samples, n_inputs), in the units of the data.
 
     Returns:
         Shape (n_samples,), in the output's unit.
 
     Raises:
-        ValueError: The regression has more than one output.
+        ValueError: The regression has more than one output, or the inputs another number of columns or missing values.
     """
     if regression.n_outputs_ != 1:
         raise ValueError(f"the mode is found for one output, and this regression has {regression.n_outputs_}")

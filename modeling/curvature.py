@@ -39,10 +39,12 @@ OUTPUT_RANK = 12
 
 
 def curvature_blocks(inputs: Floats, past_steps: int, future_steps: int, step: float) -> list[Floats]:
-    """Return κ, κv², κv²a and δ of windows, see the module.
+    """Return κ, κv², κv²a and δ of windows in the units of the module, positive to the left.
+
+    κ = Δθ / (max(v, `SLOWEST`) Δt), a by central differences of v, one-sided at the ends of a window.
 
     Args:
-        inputs: Shape (n_windows, n_inputs), as `windows.cut_windows` lays them out.
+        inputs: Shape (n_windows, n_inputs), as `windows.cut_windows` lays them out: deg per sample, m/s, deg.
         past_steps: n₂.
         future_steps: n₃.
         step: s between two samples.
@@ -61,12 +63,16 @@ def curvature_blocks(inputs: Floats, past_steps: int, future_steps: int, step: f
 class CurvatureCoordinates:
     """Few coordinates in which a mixture sees the windows: principal components of each block, see the module.
 
+    Of channels c with standard deviations s they are y = Vᵀ diag(1/s) (c − mean), V the directions of the largest
+    variance: numbers without a unit.
+
     Attributes:
         past_steps: n₂.
         future_steps: n₃.
         step: s between two samples.
-        mean: Mean of each channel (n_channels,).
-        basis: From channels to coordinates (n_channels, n_coordinates); each block has coordinates of its own.
+        mean: Mean of each channel (n_channels,), in the module's units.
+        basis: From channels to coordinates, diag(1/s) V (n_channels, n_coordinates), in the inverse of these units;
+            each block has coordinates of its own.
     """
 
     past_steps: int
@@ -108,13 +114,19 @@ class CurvatureCoordinates:
         return 2 * self.path_length + self.seen
 
     def transform(self, inputs: Floats) -> Floats:
-        """Return the coordinates (n_windows, n_coordinates) of windows (n_windows, n_inputs)."""
+        """Return the coordinates (n_windows, n_coordinates), without a unit, of windows (n_windows, n_inputs).
+
+        The formula is that of the class; windows are as `windows.cut_windows` lays them out.
+        """
         blocks = curvature_blocks(inputs, self.past_steps, self.future_steps, self.step)
         coordinates: Floats = (np.concatenate(blocks, axis=1) - self.mean) @ self.basis
         return coordinates
 
     def origin(self, inputs: Floats) -> Floats:
-        """Return the angle from which the change is predicted (n_windows, 1): the current one, 0 where none is seen."""
+        """Return the angle from which the change is predicted, deg (n_windows, 1), of windows (n_windows, n_inputs).
+
+        It is the current one, 0 where none is seen.
+        """
         return inputs[:, -1:] if self.past_steps >= 0 else np.zeros((len(inputs), 1))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -129,5 +141,8 @@ class CurvatureCoordinates:
 
 
 def principal_directions(centred: Floats, rank: int) -> Floats:
-    """Return the orthonormal directions (n_columns, rank) of the largest variance of centred rows (n, n_columns)."""
+    """Return the orthonormal directions (n_columns, rank) of the largest variance of centred rows (n, n_columns).
+
+    They are eigenvectors of XᵀX, the largest eigenvalue first, of rows X in any units; none has a unit itself.
+    """
     return np.linalg.eigh(centred.T @ centred)[1][:, ::-1][:, :rank]

@@ -53,6 +53,12 @@ def fit_curvature_primitives(
 ) -> tuple[MotionPrimitives, float]:
     """Fit a driver's motion primitives in curvature coordinates.
 
+    With the share τ that is chosen, the covariances of the mixture of all windows become
+
+        Σ_k ← (1 − τ) Σ_k + τ Σ_j p_j Σ_j + D,    D = `INPUT_NOISE` times the variances of the inputs' coordinates
+
+    and those of inputs x and changes y of the angle at every step V Σ_k Vᵀ + diag(rest), V from coordinates to these.
+
     Args:
         inputs: Shape (n_windows, n_inputs), as `windows.cut_windows` lays them out.
         outputs: Shape (n_windows, n₃), deg.
@@ -67,7 +73,7 @@ def fit_curvature_primitives(
         seed: Of the starts.
 
     Returns:
-        The motion primitives, and the share of the common covariance that was chosen.
+        The motion primitives, and τ, the share of the common covariance that was chosen.
 
     Raises:
         ValueError: There are fewer windows than `windows_needed`.

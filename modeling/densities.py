@@ -36,8 +36,8 @@ NOTHING = 40.0
 class Parameters:
     """Weights (k,), means μ (k, d), covariances Σ = F Fᵀ (k, d, d), lower factors F, and W = F⁻¹ (k, d, d).
 
-    W is rounded to the precision that is computed in, and F is the inverse of the rounded W: a pass works with exactly
-    these parameters, so that rounding them leads no M step astray.
+    Means and factors are in the units of the data. W is rounded to the precision that is computed in, and F is the
+    inverse of the rounded W: a pass works with exactly these parameters, so that rounding them leads no M step astray.
     """
 
     weights: FloatArray
@@ -49,19 +49,22 @@ class Parameters:
 
     @property
     def negligible(self) -> float:
-        """Responsibilities below this vanish in the rounding of the sums they are added to."""
+        """Responsibilities below this vanish in the rounding of the sums they are added to.
+
+        It is about u = 2⁻⁵³ ≈ 1e-16 in double precision and 2⁻²⁴ ≈ 6e-8 in single precision.
+        """
         return math.exp(-16.0) if self.precision == np.float32 else 1e-16
 
 
 def factorise(
     weights: FloatArray, means: FloatArray, covariances: FloatArray, precision: npt.DTypeLike = np.float64
 ) -> Parameters:
-    """Return parameters with their factors and inverses, computed once.
+    """Return parameters with their factors and inverses, computed once: Σ = F Fᵀ (Cholesky), W = F⁻¹.
 
     Args:
-        weights: Positive (k,); divided by their sum.
-        means: Shape (k, d).
-        covariances: Positive definite (k, d, d).
+        weights: Positive weights (k,); divided by their sum.
+        means: Shape (k, d), in the units of the data.
+        covariances: Positive definite (k, d, d), in the square of these units.
         precision: What W is rounded to.
 
     Raises:
@@ -78,7 +81,11 @@ def factorise(
 
 
 def rounding_noise(parameters: Parameters) -> float:
-    """Return by how much rounding x − μ to float32 raises a row's squared Mahalanobis distance, on average."""
+    """Return by how much rounding x − μ to float32 raises a row's squared Mahalanobis distance, on average.
+
+    Each difference is off by up to u = 2⁻²⁴ of itself either way, with a variance of u²/3 of its own square: it is
+    Σ_k p_k Σ_ij W_ij² Σ_jj u²/3, a number without a unit, half of which are nats.
+    """
     spread = np.diagonal(parameters.covariances, axis1=1, axis2=2)
     raised = np.einsum("kij,kj->k", np.square(parameters.inverses), spread)
     return float(parameters.weights @ raised) * (2.0**-24) ** 2 / 3.0
@@ -93,26 +100,34 @@ def chunks(rows: Rows, components: int = 1) -> Iterator[slice]:
 
 
 def plain(rows: npt.ArrayLike) -> FloatArray:
-    """Return rows (n, d) as compiled code takes them, for one kind of array; uncopied where they are that."""
+    """Return rows (n, d), of any units, as compiled code takes them, for one kind of array; uncopied where they are."""
     return np.require(rows, np.float64, ["C", "W"])
 
 
 def log_sum(joint: FloatArray) -> FloatArray:
-    """Return log Σ_k exp j_k of each row j of `joint` (n, k), shape (n,)."""
+    """Return log Σ_k exp j_k of each row j of `joint` (n, k), nats, shape (n,)."""
     top = joint.max(axis=1)
     total: FloatArray = top + np.log(np.exp(joint - top[:, None]).sum(axis=1))
     return total
 
 
 def log_constants(weights: FloatArray, inverses: FloatArray) -> FloatArray:
-    """Return each component's log p_k g_k at its mean, log p_k − d/2 log 2π + log |W_k| (k,)."""
+    """Return each component's log p_k g_k at its mean (MP eq. 5), log p_k − d/2 log 2π + log |W_k|, nats (k,).
+
+    Args:
+        weights: Positive weights p (k,).
+        inverses: W (k, d, d), lower triangular, in the inverse units of the data.
+    """
     log_determinants = np.log(np.diagonal(inverses, axis1=1, axis2=2)).sum(axis=1)
     constants: FloatArray = np.log(weights) - 0.5 * inverses.shape[1] * math.log(2 * math.pi) + log_determinants
     return constants
 
 
 def bound_of(parameters: Parameters) -> Bound:
-    """Return what bounds the log densities: a few columns, evenly spread, or none where rows are short."""
+    """Return what bounds the log densities: a few columns, evenly spread, or none where rows are short.
+
+    Over some columns m alone |W_m (x − μ)_m|², with W_m = F_m⁻¹ of their covariance, is at most that over all columns.
+    """
     from .wide_rows import Bound
 
     k, d = parameters.means.shape
@@ -131,7 +146,13 @@ def bound_of(parameters: Parameters) -> Bound:
 
 
 def log_joint(rows: npt.NDArray[np.floating[Any]], parameters: Parameters, cutoff: float = math.inf) -> FloatArray:
-    """Return log p_k g_k(x) (n, k), −inf where a component is certain to lie more than `cutoff` nats below the top."""
+    """Return log p_k g_k(x) = log p_k g_k(μ_k) − ½ |W_k (x − μ_k)|² (MP eq. 5), nats (n, k).
+
+    Args:
+        rows: x (n, d), in the units of the parameters.
+        parameters: The mixture.
+        cutoff: nats; −inf stands where a component is certain to lie further below the top.
+    """
     constants = log_constants(parameters.weights, parameters.inverses)
     joint = np.empty((len(rows), len(constants)))
     if cutoff == math.inf or rows.shape[1] < FEWEST_TO_BOUND:

@@ -36,7 +36,7 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class DriverLimits:
-    """Limits of one driver at speeds (k,) in m/s, rising.
+    """Limits of one driver at speeds (k,) in m/s, rising; see `Limits` for their units.
 
     The knots are quantiles of the speeds driven, equally far apart. At each stands a quantile of what the driver did
     between its two neighbours, so that nothing that is told between two knots is narrower than what was done there.
@@ -52,8 +52,8 @@ class DriverLimits:
         Args:
             series: The driver's data.
             step: s between two rows of a stretch.
-            lookahead_share: Of the lookahead distances, that lie within; as many beyond either end.
-            steering_share: Of the steering wheel's angles and rates, that lie within.
+            lookahead_share: Share of the lookahead distances that lies within; as many beyond either end.
+            steering_share: Share of the steering wheel's angles and rates, Δδ/step, that lies within.
 
         Raises:
             ValueError: There is no row with speed and steering, or none with a lookahead distance.
@@ -89,6 +89,6 @@ class DriverLimits:
         )
 
     def at(self, speed: Floats) -> Limits:
-        """Return the limits at speeds (n,) in m/s."""
+        """Return the limits, each (n,), at speeds (n,) in m/s: linear between the knots, held beyond them."""
         limits = (self.at_knots.nearest, self.at_knots.farthest, self.at_knots.angle, self.at_knots.rate)
         return Limits(*(np.interp(speed, self.speed, values) for values in limits))

@@ -13,6 +13,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from ..dataset.drive import segments_of
+from ..dataset.folds import training_mask
 from ..dataset.segments import SEGMENTS_PER_CLUSTER, describe_clusters, features, path_types
 from ..schemas.config import Config
 from ..schemas.errors import InputError
@@ -29,7 +30,7 @@ def modelled_drivers(project: Project) -> tuple[dict[str, dict[str, str]], list[
         The drivers, sorted, and a problem for each driver with less than `models.minimum_minutes`.
 
     Raises:
-        InputError: No dataset was built yet.
+        InputError: No dataset was built yet, there is no recording, or the project file or manifest cannot be read.
     """
     config = project.config
     entries = project.manifest.get("dataset", {})
@@ -55,7 +56,11 @@ def modelled_drivers(project: Project) -> tuple[dict[str, dict[str, str]], list[
 
 
 def read_series(project: Path, driver: str, config: Config) -> Series:
-    """Return a driver's dataset, without lookahead distances whose spread is above `lookahead.maximum_spread`."""
+    """Return a driver's dataset, without lookahead distances whose spread is above `lookahead.maximum_spread`.
+
+    Raises:
+        InputError: The driver has no dataset yet, or a file of it is missing or damaged.
+    """
     return _series(Project(project).dataset(driver), config)
 
 
@@ -95,8 +100,20 @@ def part(series: Series, group: NDArray[Any], config: Config) -> Series:
     return replace(series, stretch=stretch, segment=segment.astype(np.intp))
 
 
+def training_and_test(series: Series, fold: int, config: Config) -> tuple[Mask, Mask]:
+    """Return the rows to learn from and the rows to test, each (n_rows,) (PP eq. 12).
+
+    Args:
+        series: The driver's data.
+        fold: The test fold, from 0.
+        config: With the embargo between them.
+    """
+    embargo = round(config.dataset.embargo * 1e9)
+    return training_mask(series.fold, series.recording, series.time, fold, embargo), series.fold == fold
+
+
 def fit_path_types(series: Series, rows: Mask, config: Config, *, logarithms: bool = True) -> PathTypes:
-    """Fit the types of path to the segments that lie entirely in the given rows.
+    """Fit the types of path to the segments that lie entirely in the given rows (MP eqs. 3 to 7).
 
     Args:
         series: The driver's data.
@@ -122,7 +139,7 @@ def fit_path_types(series: Series, rows: Mask, config: Config, *, logarithms: bo
 
 
 def label_rows(series: Series, types: PathTypes, config: Config) -> NDArray[np.str_]:
-    """Return the path type (`1-3-2`) of every row (n_rows,) by types that were fitted to these or other data."""
+    """Return the path type (`1-3-2`, MP eq. 8) of every row (n_rows,) by types fitted to these or other data."""
     begins = np.flatnonzero(np.diff(series.segment, prepend=-1))
     by_segment = path_types(types.label(_features(series, config)), series.stretch[begins])
     return np.array(by_segment, dtype=np.str_)[series.segment]

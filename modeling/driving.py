@@ -49,7 +49,7 @@ def drive_track(
     """Steer a bicycle along a track by pure pursuit (PP eq. 1) with a law's lookahead distances.
 
     As in PP IV-D the law is given the course deviation and the speed of the path point at which the car is. The car
-    has the track's speed, and begins where the driver was.
+    has the track's speed, and begins where the driver was. See `path_following.follow` for what it does.
 
     Args:
         track: Where.
@@ -108,7 +108,13 @@ def drive_track(
 
 
 def share_within(domain_probability: FloatArray) -> FloatArray:
-    """Return the share of the driver's model in the steering (n,) by how common its inputs (n,) are where it learnt."""
+    """Return the share of the driver's model in the steering (n,) by how common its inputs are where it learnt.
+
+    With u = log(P / `STRANGE`) / log(`KNOWN` / `STRANGE`) within [0, 1] it is u² (3 − 2u).
+
+    Args:
+        domain_probability: P, share of the inputs learnt from that lie further out (n,).
+    """
     scale = np.log(np.maximum(domain_probability, 1e-300) / STRANGE) / np.log(KNOWN / STRANGE)
     within = np.clip(scale, 0.0, 1.0)
     share: FloatArray = within * within * (3.0 - 2.0 * within)
@@ -116,7 +122,14 @@ def share_within(domain_probability: FloatArray) -> FloatArray:
 
 
 def as_driven(track: Track) -> Drive:
-    """Return what the driver did along a track in the form of a drive, NaN where nobody knows."""
+    """Return what the driver did along a track in the form of a drive, NaN where nobody knows.
+
+    From one point of the track to the next the time is Δt = 2 `SPACING` / (v_i + v_i+1).
+
+    Returns:
+        Per `track.STEP`, each (n_rows,): `time` (s), `distance`, `deviation` and `lookahead` (m),
+        `steering_wheel_angle` (deg), with the signs of `drive_track`.
+    """
     passed = np.concatenate([[0.0], np.cumsum(SPACING / ((track.speed[1:] + track.speed[:-1]) / 2))])
     time = np.arange(0.0, passed[-1], STEP)
     series = {
@@ -132,14 +145,14 @@ def measure(driven: Sequence[tuple[Track, Drive]]) -> dict[str, Any]:
     """Measure drives along the stretches of one path together; every 0.1 s counts once.
 
     Args:
-        driven: Each stretch and the drive along it.
+        driven: Each stretch and the drive along it, as `drive_track` returns it; one at least.
 
     Returns:
-        `tracking_rms`, `tracking_95` (95 % are less), `tracking_max`: distance from the path, m; `steering_rate_rms`
-        (deg/s) and `steering_change_rms`, that of its rate (deg/s²), at the steering wheel; `steering_error` (deg) and
-        `lookahead_error` (m): mean absolute difference to the driver's at the same place of the path, None where the
-        driver's is not known; `taken_over`: share of the time in which the controller had more than half of the
-        steering; `distance` in m and `seconds`.
+        `tracking_rms` (√ of the mean square), `tracking_95` (95 % are less), `tracking_max`: distance from the path, m;
+        `steering_rate_rms` (deg/s) and `steering_change_rms`, that of its rate (deg/s²), at the steering wheel;
+        `steering_error` (deg) and `lookahead_error` (m): mean absolute difference to the driver's at the same place of
+        the path, None where the driver's is not known; `taken_over`: share of the time in which the controller had more
+        than half of the steering; `distance` in m and `seconds`.
     """
     off, rates, changes, steering, lookahead, shares = (np.concatenate(parts) for parts in zip(
         *(_differences(track, drive) for track, drive in driven), strict=True,

@@ -23,7 +23,7 @@ class RowSource(ABC):
 
     @abstractmethod
     def __getitem__(self, index: slice | npt.NDArray[np.intp]) -> FloatArray:
-        """Return some of the rows, all of them finite, (n, n_features)."""
+        """Return some of the rows, all of them finite, (n, n_features), in any units."""
 
     def __len__(self) -> int:
         return self.shape[0]
@@ -104,7 +104,7 @@ def as_rows(values: npt.ArrayLike | RowSource, name: str) -> Rows:
 
 
 def as_sample_weights(values: npt.ArrayLike | None, n: int) -> FloatArray | None:
-    """Return weights of n rows (n,), 1 on average; None for None.
+    """Return weights of n rows (n,), w_i n / Σ w: 1 on average; None for None.
 
     Raises:
         ValueError: They have another shape, one is negative or not finite, or all are zero.
@@ -123,10 +123,10 @@ def as_sample_weights(values: npt.ArrayLike | None, n: int) -> FloatArray | None
 
 
 def as_array(values: npt.ArrayLike, name: str) -> npt.NDArray[np.floating[Any]]:
-    """Return `values` as a finite array of shape (n_samples, n_features), float32 and float64 uncopied.
+    """Return `values` as a finite array of shape (n_samples, n_features) in its units, float32 and float64 uncopied.
 
     Args:
-        values: Whatever numpy can read as an array of real numbers (n_samples, n_features).
+        values: Whatever numpy can read as an array of real numbers (n_samples, n_features), in any units.
         name: What an error calls it.
 
     Raises:

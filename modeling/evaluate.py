@@ -38,7 +38,7 @@ def plan_evaluation(project: Project) -> tuple[list[Task], list[InputError]]:
         The tasks, and the drivers with too little data.
 
     Raises:
-        InputError: No dataset was built yet.
+        InputError: See `drivers.modelled_drivers`.
     """
     config = project.config
     drivers, problems = modelled_drivers(project)
@@ -74,10 +74,10 @@ def gather_results(project: Project) -> list[tuple[str, tuple[str, ...], list[tu
     does not apply is empty. The summary holds the means over the folds.
 
     Returns:
-        The summary of the test folds as tables to print: title, heads and rows.
+        The summary of the test folds as tables to print: title, heads and rows, in the units of `schemas.tables`.
 
     Raises:
-        InputError: No dataset was built yet.
+        InputError: See `drivers.modelled_drivers`.
     """
     manifest = Manifest(project.directory)
     rows: dict[str, list[Row]] = {name: [] for name in (*EXPERIMENTS, *DETAILS)}

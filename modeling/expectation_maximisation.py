@@ -49,7 +49,7 @@ class Settings:
     """How to run EM.
 
     Attributes:
-        ridge: Added to each covariance's diagonal (d,).
+        ridge: Added to each covariance's diagonal (d,), in the squared units of the rows.
         covariance_type: As `GaussianMixture` has it.
         max_iterations: Most M steps.
         tolerance: EM ends when the mean log-likelihood of a row rises by less, in nats.
@@ -71,7 +71,7 @@ class Settings:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """Rows (n, d) and how often each counts (n,), 1 on average; None counts each once."""
+    """Rows (n, d), in any units, and how often each counts (n,), 1 on average; None counts each once."""
 
     rows: Rows
     weights: FloatArray | None = None
@@ -85,9 +85,11 @@ class Sample:
 class Statistics:
     """What one pass over the rows leaves for the M step.
 
-    The moments are those of y = W(x − μ), W and μ of the pass: `first` is Σ r y (k, d), `second` the lower triangle of
-    Σ r y yᵀ (k, d, d). In these coordinates every component is close to the unit ball whatever the units and the
-    condition of the data, so that centring them afterwards cancels nothing, and float32 is enough for the products.
+    The log-likelihood is that of a row on average, nats, and `counts` is Σ r (k,), with the responsibilities r of MP
+    eq. 7. The moments are those of y = W(x − μ), W and μ of the pass: `first` is Σ r y (k, d), `second` the lower
+    triangle of Σ r y yᵀ (k, d, d). In these coordinates every component is close to the unit ball whatever the units
+    and the condition of the data, so that centring them afterwards cancels nothing, and float32 is enough for the
+    products.
     """
 
     log_likelihood: float
@@ -110,7 +112,7 @@ class Statistics:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What EM led to; the likelihoods are those of the fit since the last dropped component."""
+    """What EM led to; the likelihoods, nats a row, are those of the fit since the last dropped component."""
 
     parameters: Parameters
     log_likelihoods: list[float]
@@ -119,6 +121,8 @@ class Run:
 
 def parameters_of(weights: npt.ArrayLike, means: npt.ArrayLike, covariances: npt.ArrayLike) -> Parameters:
     """Return checked parameters of given arrays (k,), (k, d) and (k, d, d), the weights divided by their sum.
+
+    Means are in the units of the data, covariances in their squares.
 
     Raises:
         ValueError: The shapes do not belong together, a weight is not positive or a covariance not positive definite.
@@ -147,7 +151,10 @@ def _is_positive_definite(matrix: FloatArray) -> bool:
 
 
 def variances_of(sample: Sample) -> FloatArray:
-    """Return each channel's variance over all rows (d,); 1 for a constant channel, which has no scale of its own."""
+    """Return each channel's variance over all rows (d,), Σ w x²/n − (Σ w x/n)² about the first row, in squared units.
+
+    It is 1 for a constant channel, which has no scale of its own.
+    """
     rows, n = sample.rows, len(sample.rows)
     origin = rows[:1][0].astype(np.float64)  # within a few deviations of the mean, so that little cancels
     first, second = np.zeros_like(origin), np.zeros_like(origin)
@@ -161,10 +168,16 @@ def variances_of(sample: Sample) -> FloatArray:
 
 
 def maximise(sample: Sample, start: Parameters, settings: Settings) -> Run:
-    """Run EM from `start` until the mean log-likelihood of a row rises by less than the tolerance.
+    """Run EM from `start` until the mean log-likelihood of a row (PP eq. 7) rises by less than the tolerance.
+
+    With responsibilities r_k of a row (MP eq. 7), n_k = Σ r_k, the M step is p_k = n_k / n, μ_k = Σ r_k x / n_k and
+    Σ_k = Σ r_k (x − μ_k)(x − μ_k)ᵀ / n_k + diag(ridge).
 
     It begins in single precision where that is allowed and pays, and goes over to double precision as soon as
     rounding would show: where covariances are too ill-conditioned, or a likelihood fell.
+
+    Raises:
+        ValueError: No component keeps a positive definite covariance.
     """
     single = settings.single and sample.rows.shape[1] > NARROW and len(sample.rows) >= SINGLE_ROWS
     parameters = _rounded(start) if single else start
@@ -204,12 +217,12 @@ def maximise(sample: Sample, start: Parameters, settings: Settings) -> Run:
 
 
 def step(sample: Sample, parameters: Parameters, settings: Settings) -> Parameters:
-    """Return one E and M step from `parameters`."""
+    """Return one E and M step from `parameters`; formulas and errors are those of `maximise`."""
     return _update(parameters, _pass(sample, parameters, settings.threads, np.empty(0, dtype=np.uint64)), settings)[0]
 
 
 def component_moments(rows: Rows, parameters: Parameters) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return what `GaussianMixture.moments` does of rows (n, d), in single precision where that is enough."""
+    """Return what `GaussianMixture.moments` does of rows (n, d), in their units; in single precision if it will do."""
     if rows.shape[1] > NARROW and len(rows) >= SINGLE_ROWS:
         parameters = _rounded(parameters)
     sums = _pass(Sample(rows), parameters, 1, np.empty(0, dtype=np.uint64))
@@ -217,7 +230,11 @@ def component_moments(rows: Rows, parameters: Parameters) -> tuple[FloatArray, F
 
 
 def moments_of(sample: Sample, responsibilities: npt.NDArray[np.floating[Any]], settings: Settings) -> Parameters:
-    """Return the M step from given responsibilities (n, k): each component's moments about its own mean."""
+    """Return the M step from given responsibilities (n, k), moments about each component's own mean; see `maximise`.
+
+    Raises:
+        ValueError: No component has a positive definite covariance.
+    """
     rows = sample.rows
     if sample.weights is not None:
         responsibilities = responsibilities * sample.weights[:, None]

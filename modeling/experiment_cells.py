@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any
@@ -20,32 +19,34 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..dataset.folds import training_mask
 from ..schemas.config import Config
-from ..schemas.errors import InputError
 from ..schemas.project import encode_name
 from ..schemas.store import describe_output, publish_json
 from ..schemas.tasks import Outcome
-from .baselines import Ridge
-from .cells import FEWEST_SAMPLES
-from .drivers import describe_path_types, fit_path_types, label_rows, one_thread, part, read_series
+from .drivers import (
+    describe_path_types,
+    fit_path_types,
+    one_thread,
+    part,
+    read_series,
+    training_and_test,
+)
+from .experiment_models import (
+    FUTURE_STEPS,
+    LABELS,
+    PATH_TYPES,
+    fit_structure,
+    known_lookahead,
+    own_labels,
+    split_windows,
+    with_labels,
+)
 from .lookahead_models import GeneralLookahead, VelocityLookahead
-from .mixture import GaussianMixture
-from .motion_primitives import EVERYTHING, N1, TOLERANCE, MotionPrimitives, fit_motion_primitives, windows_needed
-from .path_types import PathTypes
-from .regression import MixtureRegression
-from .windows import Floats, Mask, Series, Windows, cut_windows, window_centres
+from .motion_primitives import EVERYTHING, MotionPrimitives
+from .windows import Floats, Mask
 
 WITHIN_68, WITHIN_95 = (NormalDist().inv_cdf((1.0 + share) / 2.0) for share in (0.68, 0.95))
 """Half widths of the Gaussian bands that hold 68 % and 95 %, in standard deviations."""
-
-LABELS = 3
-"""Clusters of path segments, so that n₁ is 1, 3 and 27 as in MP."""
-
-PATH_TYPES: tuple[N1, ...] = (1, 3, 27)
-PAST_STEPS = (-1, 0, 1, 2, 3)
-FUTURE_STEPS = 50
-MP_COMPONENTS = (3, 6, 9)
 
 PP_COMPONENTS = (3, 4, 5, 6, 8, 9, 10, 12, 15, 20)
 REGRESSORS = (None, 3, 4, 5, 6)
@@ -54,33 +55,6 @@ REPEATS = 20
 
 MP_SUBSET = "1-1-1"
 """The path type whose windows MP's Table II is of."""
-
-
-@dataclass(frozen=True, slots=True)
-class Split:
-    """Windows to learn from and to test, the same for every number of past steps, with the path type of each.
-
-    Attributes:
-        types: Types of path of the training rows.
-        path_type: Path type of every row, such as `1-3-2`, told by rows of its own side alone.
-        learnt: Windows to learn from.
-        asked: Windows to test.
-    """
-
-    types: PathTypes
-    path_type: NDArray[np.str_]
-    learnt: Windows
-    asked: Windows
-
-    @property
-    def learnt_types(self) -> NDArray[np.str_]:
-        """Path type of each window to learn from (n_windows,)."""
-        return self.path_type[self.learnt.centres]
-
-    @property
-    def asked_types(self) -> NDArray[np.str_]:
-        """Path type of each window to test (n_windows,)."""
-        return self.path_type[self.asked.centres]
 
 
 def evaluate_primitives(
@@ -95,13 +69,14 @@ def evaluate_primitives(
 ) -> Outcome:
     """Measure one point of MP's Table II for all its numbers of path types.
 
-    Every measure is once over all test windows and once over those of path type 1-1-1, as MP has it. `fell_back` are
-    the test windows predicted by a coarser regression than n₁ asks for, because their type had too few windows.
+    `mean_error` (deg) and `mean_variance` (deg²) are its ave_err and var. Every measure is once over all test windows
+    and once over those of path type 1-1-1, as MP has it. `fell_back` are the test windows predicted by a coarser
+    regression than n₁ asks for, because their type had too few windows.
 
     Args:
         project: Project folder.
         driver: Whose data.
-        fold: The test fold.
+        fold: The test fold, from 0.
         past_steps: n₂.
         components: n₄.
         future_path: Whether the inputs hold the path ahead.
@@ -109,7 +84,8 @@ def evaluate_primitives(
         config: The project file.
 
     Raises:
-        InputError: There are too few windows to learn from.
+        InputError: There are too few windows to learn from, no segment lies entirely in the training folds, or the
+            dataset cannot be read.
     """
     series = read_series(project, driver, config)
     rows: list[dict[str, Any]] = []
@@ -149,15 +125,25 @@ def evaluate_primitives(
 def evaluate_path_types(project: Path, driver: str, fold: int, faithful: bool, config: Config) -> Outcome:
     """Cluster the path segments of the training folds into MP's three labels (Table I), and ask BIC how many it wants.
 
+    BIC is asked with all parameters of k components of d features, k − 1 + kd + kd(d + 1)/2, and with the 2k + kd that
+    PP eq. 8 prints.
+
+    Args:
+        project: Project folder.
+        driver: Whose data.
+        fold: The test fold, from 0.
+        faithful: Features as they are, not their logarithms.
+        config: The project file.
+
     Raises:
-        InputError: No segment lies entirely in the training folds.
+        InputError: No segment lies entirely in the training folds, or the dataset cannot be read.
     """
     series = read_series(project, driver, config)
-    training, test = _split(series, fold, config)
+    training, test = training_and_test(series, fold, config)
     series = part(series, training + 2 * test, config)
     with one_thread():
-        types = fit_path_types(series, training, _with_labels(config, LABELS), logarithms=not faithful)
-        free = fit_path_types(series, training, _with_labels(config, "bic"), logarithms=not faithful)
+        types = fit_path_types(series, training, with_labels(config, LABELS), logarithms=not faithful)
+        free = fit_path_types(series, training, with_labels(config, "bic"), logarithms=not faithful)
     segments = int(np.count_nonzero(np.bincount(series.segment, weights=~training) == 0))
     d = free.mixture.n_features_in_
     rows = [{"driver": driver, "fold": fold, **cluster} for cluster in describe_path_types(types)]
@@ -177,7 +163,8 @@ def evaluate_lookahead(
 ) -> Outcome:
     """Fit one of PP's models twenty times, each from another k-means start, and measure it on both splits.
 
-    Errors and standard deviations are means over the repeats with their standard deviation over the repeats (`…_sd`).
+    Errors (PP eq. 22) and standard deviations (eq. 23), both in m, are means over the repeats with their standard
+    deviation over the repeats (`…_sd`).
 
     Args:
         project: Project folder.
@@ -189,7 +176,7 @@ def evaluate_lookahead(
         config: The project file.
 
     Raises:
-        InputError: There are too few samples to learn from.
+        InputError: There are too few samples to learn from, or the dataset cannot be read.
     """
     series = read_series(project, driver, config)
     inputs, lookahead, training, test = known_lookahead(project, driver, series, fold, config)
@@ -230,116 +217,6 @@ def evaluate_lookahead(
     return publish_cell(project, "lookahead", driver, file, rows, facts, faithful=faithful)
 
 
-def known_lookahead(
-    project: Path, driver: str, series: Series, fold: int, config: Config
-) -> tuple[Floats, Floats, Mask, Mask]:
-    """Return [Δθ, v] and lookahead distance of the rows that have both, and which of them to learn from and to test.
-
-    Returns:
-        Shapes (n_known, 2), deg per sample and m/s; (n_known,), m; and twice (n_known,).
-
-    Raises:
-        InputError: There are too few samples to learn from.
-    """
-    path = np.column_stack([series.course_deviation, series.speed])
-    known = np.isfinite(path).all(axis=1) & np.isfinite(series.lookahead)
-    training, test = (rows[known] for rows in _split(series, fold, config))
-    if (found := int(training.sum())) < FEWEST_SAMPLES:
-        raise _too_few(project, driver, fold, f"{found} lookahead distances to learn from", FEWEST_SAMPLES)
-    return path[known], series.lookahead[known], training, test
-
-
-def split_windows(
-    project: Path, driver: str, series: Series, fold: int, past_steps: int, config: Config, *, faithful: bool
-) -> Split:
-    """Cut the windows of the training folds and of the test fold; they are whole for the largest n₂ of the grid.
-
-    Raises:
-        InputError: There are too few windows to learn from.
-    """
-    training, test = _split(series, fold, config)
-    past = max(PAST_STEPS)
-    complete = series.has_path_and_steering
-
-    def cut(rows: Mask) -> Windows:
-        centres = window_centres(series.stretch, rows & complete, past, FUTURE_STEPS)
-        return cut_windows(series, centres, past_steps, FUTURE_STEPS)
-
-    learnt, asked = cut(training), cut(test)
-    needed = max(windows_needed(learnt.inputs.shape[1] + FUTURE_STEPS, max(MP_COMPONENTS)), FEWEST_SAMPLES)
-    if (found := len(learnt.centres)) < needed:
-        raise _too_few(project, driver, fold, f"{found} windows to learn from", needed)
-    sides = part(series, training + 2 * test, config)
-    types = fit_path_types(sides, training, _with_labels(config, LABELS), logarithms=not faithful)
-    path_type = label_rows(sides, types, config)
-    return Split(types, path_type, learnt, asked)
-
-
-def fit_structure(
-    inputs: Floats,
-    outputs: Floats,
-    path_types: NDArray[np.str_],
-    components: int,
-    seed: int,
-    past_steps: int,
-    *,
-    faithful: bool,
-) -> MotionPrimitives:
-    """Fit the two levels of MP; `coarser` of the result has n₁ = 3 and 1.
-
-    Args:
-        inputs: Shape (n_windows, n_inputs).
-        outputs: Shape (n_windows, n₃), deg.
-        path_types: Path type of each window, such as `1-3-2` (n_windows,).
-        components: n₄.
-        seed: Of the k-means start.
-        past_steps: n₂, for the gap between the blocks that choose the shrinkage.
-        faithful: Every type apart and without shrinkage, see `fit_apart`.
-    """
-    if faithful:
-        return fit_apart(inputs, outputs, path_types, components, seed)
-    penalty = Ridge.fit(inputs, outputs, gap=max(past_steps, 0) + FUTURE_STEPS).penalty
-    return fit_motion_primitives(
-        inputs, outputs, path_types, n1=27, components=components, shrinkage=penalty, seed=seed
-    )
-
-
-def fit_apart(
-    inputs: Floats, outputs: Floats, path_types: NDArray[np.str_], components: int, seed: int
-) -> MotionPrimitives:
-    """Fit a mixture to each path type's windows alone, as MP does, and predict by its eqs. 20 and 22 as printed.
-
-    A type with fewer windows than `windows_needed` has no regression of its own and falls back to its label's, a label
-    without one to that of everything.
-
-    Args:
-        inputs: Shape (n_windows, n_inputs).
-        outputs: Shape (n_windows, n₃), deg.
-        path_types: Path type of each window, such as `1-3-2` (n_windows,).
-        components: n₄; a mixture whose components collapse keeps fewer.
-        seed: Of the k-means starts.
-    """
-    joint = np.concatenate([inputs, outputs], axis=1)
-    labels = own_labels(path_types)
-    split = (range(inputs.shape[1]), range(inputs.shape[1], joint.shape[1]))
-    samples: Counter[str] = Counter()
-    regressions: dict[str, MixtureRegression] = {}
-    for names in (np.full(len(joint), EVERYTHING), labels, path_types):
-        for name in np.unique(names).tolist():
-            own = joint[names == name]
-            samples[name] = len(own)
-            if name == EVERYTHING or len(own) >= windows_needed(joint.shape[1], components):
-                mixture = GaussianMixture(components, max_iterations=100, tolerance=TOLERANCE, random_state=seed)
-                regressions[name] = MixtureRegression.from_mixture(mixture.fit(own), *split, faithful=True)
-    return MotionPrimitives(27, regressions, dict(sorted(samples.items())))
-
-
-def own_labels(path_types: NDArray[np.str_]) -> NDArray[np.str_]:
-    """Return the own label of path types: `3` of `1-3-2`, each (n,)."""
-    distinct, which = np.unique(path_types, return_inverse=True)
-    return np.array([name.split("-")[1] for name in distinct.tolist()], dtype=np.str_)[which]
-
-
 def publish_cell(
     project: Path,
     experiment: str,
@@ -350,29 +227,21 @@ def publish_cell(
     *,
     faithful: bool,
 ) -> Outcome:
-    """Publish a cell below `results/experiments/cells/`."""
+    """Publish a cell below `results/experiments/cells/`.
+
+    Args:
+        project: Project folder.
+        experiment: Kind of the cell, a folder.
+        driver: Whose cell, a folder within it.
+        file: Name of the file.
+        rows: The measures.
+        facts: What stands beside them in the file.
+        faithful: Formulas as printed.
+    """
     variant = "faithful" if faithful else "corrected"
     path = project / "results" / "experiments" / "cells" / variant / experiment / encode_name(driver) / file
     publish_json(path, {"rows": rows, **facts})
     return Outcome({"outputs": [describe_output(project, path, rows=len(rows))]})
-
-
-def _split(series: Series, fold: int, config: Config) -> tuple[Mask, Mask]:
-    """Return the rows to learn from and the rows to test."""
-    embargo = round(config.dataset.embargo * 1e9)
-    return training_mask(series.fold, series.recording, series.time, fold, embargo), series.fold == fold
-
-
-def _too_few(project: Path, driver: str, fold: int, found: str, needed: int) -> InputError:
-    reason = (
-        f"driver {driver!r}, test fold {fold}: {found}, and the grid of the experiment needs {needed}; add recordings, "
-        "or decide about proposed events (`wheelprint review`)"
-    )
-    return InputError(project / "wheelprint.toml", "dataset", reason)
-
-
-def _with_labels(config: Config, clusters: Any) -> Config:
-    return config.model_copy(update={"segments": config.segments.model_copy(update={"clusters": clusters})})
 
 
 def _columns(past_steps: int, *, future_path: bool) -> NDArray[np.intp]:

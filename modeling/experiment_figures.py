@@ -12,7 +12,8 @@ from ..schemas.tasks import Outcome
 from .bicycle import Bicycle
 from .drivers import one_thread, read_series
 from .driving import drive_track
-from .experiment_cells import FUTURE_STEPS, fit_structure, known_lookahead, publish_cell, split_windows
+from .experiment_cells import publish_cell
+from .experiment_models import FUTURE_STEPS, fit_structure, known_lookahead, split_windows
 from .lookahead_models import GeneralLookahead, VelocityLookahead
 from .motion_primitives import N1
 from .track import lay_track
@@ -37,12 +38,17 @@ def draw_situations(project: Path, driver: str, fold: int, faithful: bool, confi
     Args:
         project: Project folder.
         driver: Whose data.
-        fold: The test fold.
+        fold: The test fold, from 0.
         faithful: Formulas as printed.
         config: The project file.
 
+    Returns:
+        The cell: of each situation `time_s` (s), `course_deviation` (deg per sample), `speed` (m/s), what was `driven`
+        (deg), and by method `mean` and `sd` = √variance (deg) of each step.
+
     Raises:
-        InputError: There are too few windows to learn from.
+        InputError: There are too few windows to learn from, no segment lies entirely in the training folds, or the
+            dataset cannot be read.
     """
     series = read_series(project, driver, config)
     situations: list[dict[str, Any]] = []
@@ -94,8 +100,11 @@ def follow_track(project: Path, driver: str, fold: int, faithful: bool, config: 
         faithful: Predictions are the arg max (eq. 10) instead of the mean.
         config: The project file.
 
+    Returns:
+        The cell: of each model the drive in the units of `driving.drive_track`, and `road_wheel_angle` (deg).
+
     Raises:
-        InputError: There are too few samples to learn from.
+        InputError: There are too few samples to learn from, or the dataset cannot be read.
     """
     series = read_series(project, driver, config)
     inputs, lookahead, training, _ = known_lookahead(project, driver, series, fold, config)

@@ -21,10 +21,7 @@ from ..schemas.tasks import Task
 from .claims import Finding, papers, weigh_claims
 from .drivers import modelled_drivers
 from .experiment_cells import (
-    FUTURE_STEPS,
-    MP_COMPONENTS,
     MP_SUBSET,
-    PAST_STEPS,
     PP_COMPONENTS,
     REGRESSORS,
     evaluate_lookahead,
@@ -32,6 +29,7 @@ from .experiment_cells import (
     evaluate_primitives,
 )
 from .experiment_figures import draw_situations, follow_track
+from .experiment_models import FUTURE_STEPS, MP_COMPONENTS, PAST_STEPS
 
 Experiment = Literal["motion-primitives", "lookahead"]
 
@@ -144,7 +142,10 @@ def gather_experiment(project: Project, experiment: Experiment, *, faithful: boo
 
 
 def table_i(cells: Sequence[Row]) -> list[Row]:
-    """Return MP's Table I: the paper's clusters, then each driver's, means over the training sets of the folds."""
+    """Return MP's Table I: the paper's clusters, then each driver's, means over the training sets of the folds.
+
+    Duration in s, average and maximum course deviation in deg per sample, average speed in km/h as the paper has it.
+    """
     features = ("duration_s", "average_course_deviation_deg", "maximum_course_deviation_deg", "average_speed_km_h")
     rows: list[Row] = [
         {"source": "paper", **{name: row[name] for name in ("label", *features)}, "folds": None}
@@ -172,8 +173,9 @@ def table_i(cells: Sequence[Row]) -> list[Row]:
 def table_ii(rows: Sequence[Row]) -> list[Row]:
     """Return MP's Table II beside the same points here: mean error and variance over drivers and folds.
 
-    `…_1_1_1` is over the windows of path type 1-1-1, as the paper has it, `…_all` over all; `fell_back_…` is the share
-    of windows that a coarser regression predicted, because their path type had too few windows to learn from.
+    Errors are in deg, variances in deg², coverages shares. `…_1_1_1` is over the windows of path type 1-1-1, as the
+    paper has it, `…_all` over all; `fell_back_…` is the share of windows that a coarser regression predicted, because
+    their path type had too few windows to learn from.
     """
     content = papers()["table_2"]
     table: list[Row] = []
@@ -206,7 +208,8 @@ def table_ii(rows: Sequence[Row]) -> list[Row]:
 def over_folds(rows: Sequence[Row]) -> list[Row]:
     """Return PP's Fig. 5: for each driver, model, N and split the means over the folds.
 
-    `repeat_sd` is the standard deviation over the repeated fits, `fold_sd` that over the folds.
+    Errors and standard deviations are in m. `repeat_sd` is the standard deviation over the repeated fits, `fold_sd`
+    that over the folds.
     """
     groups: dict[tuple[Any, ...], list[Row]] = {}
     same = ("driver", "model", "regressors", "components", "split")

@@ -68,9 +68,11 @@ def calibrate(
 ) -> dict[int, Calibration]:
     """Calibrate a kind of motion primitives by the errors on blocks of windows that they did not learn from.
 
+    See `Calibration.fit` for the formula.
+
     Args:
         fit: Fits them to the windows at the given places (n_learnt,).
-        inputs: Shape (n_windows, n_inputs).
+        inputs: Shape (n_windows, n_inputs), as `windows.cut_windows` lays them out.
         outputs: Shape (n_windows, n₃), deg.
         path_types: Path type of each window (n_windows,).
         blocks: As `blocks_of` returns them.

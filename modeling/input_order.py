@@ -11,11 +11,11 @@ from .windows import Rows
 def telling_first(covariances: FloatArray) -> Rows:
     """Return the inputs in an order in which a few of them nearly say how probable each component is.
 
-    One after the other that input is taken whose variances, given those taken before, differ most among the
-    components: log of their mean above the mean of their logs.
+    One after the other that input is taken whose variances v_k, given those taken before, differ most among the
+    components: log(Σ v_k / k) − Σ log v_k / k is largest. Taking input j leaves Σ − Σ_·j Σ_j· / Σ_jj of each.
 
     Args:
-        covariances: Of the inputs (k, n, n).
+        covariances: Of the inputs (k, n, n), positive definite, in any units.
 
     Returns:
         Shape (n,).

@@ -22,6 +22,8 @@ SAMPLES = 20_000
 class Kinematic:
     """The steering wheel angle as a short filter of the curvature κ of the path and of κv².
 
+        δ_t = c + Σ_j (a_j κ_t+j + b_j κ_t+j v²_t+j),    j from −`TAPS` to `TAPS`
+
     In a steady curve the two filters' sums are the steering ratio times the wheelbase, and times the understeer
     gradient. All steps share them; beyond the ends of a window its path goes on as it was there.
 
@@ -30,7 +32,7 @@ class Kinematic:
         future_steps: n₃.
         step: s between two samples.
         filter: The fitted coefficients.
-        variances: Mean square error of each step on the windows learnt from (n₃,).
+        variances: Mean square error of each step on the windows learnt from, deg² (n₃,).
     """
 
     past_steps: int
@@ -50,7 +52,7 @@ class Kinematic:
         gap: int = 0,
         penalties: Sequence[float] = PENALTIES,
     ) -> Self:
-        """Fit the filter.
+        """Fit the filter by ridge regression.
 
         Args:
             inputs: Shape (n_windows, n_inputs), as `windows.cut_windows` lays them out, in the order of time.
@@ -58,10 +60,10 @@ class Kinematic:
             past_steps: n₂.
             step: s between two samples.
             gap: Windows left out on both sides of a block when the penalty is chosen.
-            penalties: Values to choose from.
+            penalties: Values to choose from, numbers of rows.
 
         Raises:
-            ValueError: See `Ridge.fit`.
+            ValueError: There are too few windows, see `Ridge.fit`.
         """
         future_steps = outputs.shape[1]
         every = -(-outputs.size // SAMPLES)
@@ -84,7 +86,10 @@ class Kinematic:
         return cls(past_steps, future_steps, step, coefficients, np.square(errors).mean(axis=0))
 
     def predict(self, inputs: Floats) -> tuple[Floats, Floats]:
-        """Return means and variances, each (n_windows, n₃), of windows (n_windows, n_inputs)."""
+        """Return means in deg and variances in deg², each (n_windows, n₃), of windows (n_windows, n_inputs).
+
+        See the class for the formula; windows are as `windows.cut_windows` lays them out.
+        """
         blocks = _path(inputs, self.past_steps, self.future_steps, self.step)
         mean = np.full((len(inputs), self.future_steps), self.filter.intercept[0])
         taps = self.filter.coefficients[:, 0].reshape(len(blocks), -1)

@@ -30,14 +30,17 @@ HELD_OUT = 5
 class LearnedBaseline:
     """Principal components of the change, each predicted by an estimator of scikit-learn.
 
+    With the estimators' components c of the standardised inputs z the angles are level + V c(z), and the angle seen
+    last.
+
     Attributes:
         estimators: One for all components, or one for each.
         seen: Whether the last input is the current angle.
-        mean: Of the inputs (n_inputs,).
-        scale: Standard deviations of the inputs (n_inputs,).
-        level: Mean change (n_outputs,).
-        directions: From components to changes (n_outputs, n_components).
-        variances: Mean square error of each output on windows that were left out (n_outputs,).
+        mean: Of the inputs (n_inputs,), in their units.
+        scale: Standard deviations of the inputs (n_inputs,), in their units.
+        level: Mean change, deg (n_outputs,).
+        directions: V, from components to changes, deg (n_outputs, n_components).
+        variances: Mean square error of each output on windows that were left out, deg² (n_outputs,).
     """
 
     estimators: tuple[Any, ...]
@@ -59,7 +62,7 @@ class LearnedBaseline:
         gap: int = 0,
         seed: int = 0,
     ) -> Self:
-        """Fit to all windows, after a first fit that measures the variances.
+        """Fit to all windows, after a first fit whose mean square errors on a block left out are the variances.
 
         Args:
             kind: `trees`, histogram gradient boosting with scikit-learn's settings; `network`, two layers of 64 units
@@ -108,7 +111,10 @@ class LearnedBaseline:
         return cls(estimators, past_steps >= 0, mean, scale, level, directions, np.zeros(outputs.shape[1]))
 
     def predict(self, inputs: Floats) -> tuple[Floats, Floats]:
-        """Return means and variances, each (n_windows, n_outputs), of windows (n_windows, n_inputs)."""
+        """Return means in deg and variances in deg², each (n_windows, n_outputs), of windows (n_windows, n_inputs).
+
+        See the class for the formula; windows are as `windows.cut_windows` lays them out.
+        """
         given = (inputs - self.mean) / self.scale
         parts = [np.asarray(estimator.predict(given)).reshape(len(given), -1) for estimator in self.estimators]
         mean: Floats = self.level + np.concatenate(parts, axis=1) @ self.directions.T

@@ -37,7 +37,10 @@ class ConstantLookahead:
     sd: float = field(init=False)
 
     def fit(self, inputs: FloatArray, lookahead: FloatArray) -> ConstantLookahead:  # noqa: ARG002 - as the others
-        """Take the median of lookahead distances (n,) in m; the inputs (n, 2) tell it nothing."""
+        """Take the median of lookahead distances h (n,) in m, sd = √mean (h − median)².
+
+        The inputs (n, 2) tell it nothing.
+        """
         self.distance = float(np.median(lookahead))
         self.sd = float(np.sqrt(np.mean(np.square(lookahead - self.distance))))
         return self
@@ -62,14 +65,19 @@ class LinearLookahead:
     sd: float = field(init=False)
 
     def fit(self, inputs: FloatArray, lookahead: FloatArray) -> LinearLookahead:
-        """Fit the line to [Δθ, v] (n, 2), deg per sample and m/s, and lookahead distances (n,) in m."""
+        """Fit the line by min Σ (h − a − b v)².
+
+        Args:
+            inputs: [Δθ, v], deg per sample and m/s (n, 2).
+            lookahead: h, m (n,).
+        """
         design = np.column_stack([np.ones(len(inputs)), inputs[:, SPEED]])
         self.base, self.time = np.linalg.lstsq(design, lookahead, rcond=None)[0].tolist()
         self.sd = float(np.sqrt(np.mean(np.square(design @ [self.base, self.time] - lookahead))))
         return self
 
     def predict(self, inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the distance at the inputs' speeds and the residuals' standard deviation, m, each (n,)."""
+        """Return h = a + b v and the residuals' standard deviation, m, each (n,), for [Δθ, v] (n, 2), v in m/s."""
         return self.base + self.time * inputs[:, SPEED], np.full(len(inputs), self.sd)
 
 

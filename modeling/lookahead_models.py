@@ -25,7 +25,7 @@ ROWS_PER_COMPONENT = 40
 
 
 class LookaheadModel(Protocol):
-    """What both models do."""
+    """What both models do: λ of PP eq. 4, from [Δθ, v] to the lookahead distance."""
 
     fallbacks: tuple[str, ...]
 
@@ -66,7 +66,7 @@ class GeneralLookahead:
     fallbacks: tuple[str, ...] = field(init=False, default=())
 
     def fit(self, inputs: FloatArray, lookahead: FloatArray) -> GeneralLookahead:
-        """Fit the regression.
+        """Fit the regression (PP eqs. 7 and 13).
 
         Args:
             inputs: [Δθ, v], deg per sample and m/s, shape (n_samples, 2).
@@ -86,13 +86,16 @@ class GeneralLookahead:
         return self
 
     def predict(self, inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Predict the lookahead distance.
+        """Predict the lookahead distance by MP eqs. 18 to 22 or, as the mode, PP eq. 16.
 
         Args:
-            inputs: [Δθ, v], shape (n_samples, 2).
+            inputs: [Δθ, v], deg per sample and m/s, shape (n_samples, 2).
 
         Returns:
-            Mean and standard deviation, m, each (n_samples,).
+            Mean and standard deviation, m, each (n_samples,); for the mode √(sd² + (mode − mean)²).
+
+        Raises:
+            ValueError: The inputs have another number of columns or missing values.
         """
         return _predict(self.regression, inputs, self.estimate)
 
@@ -102,7 +105,7 @@ class GeneralLookahead:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
-        """Return the fitted model that `arrays` was taken from."""
+        """Return the fitted model that `arrays` was taken from; raises as `MixtureRegression.from_arrays`."""
         regression = MixtureRegression.from_arrays(arrays)
         model = cls(regression.n_components, faithful=regression.faithful)
         model.regression = regression
@@ -146,7 +149,7 @@ class VelocityLookahead:
     fallbacks: tuple[str, ...] = field(init=False, default=())
 
     def fit(self, inputs: FloatArray, lookahead: FloatArray) -> VelocityLookahead:
-        """Fit both layers.
+        """Fit both layers (PP eqs. 18 to 21).
 
         Args:
             inputs: [Δθ, v], deg per sample and m/s, shape (n_samples, 2).
@@ -188,10 +191,13 @@ class VelocityLookahead:
         """Predict the lookahead distance by the regression of the most probable class of speed (PP eq. 19).
 
         Args:
-            inputs: [Δθ, v], shape (n_samples, 2).
+            inputs: [Δθ, v], deg per sample and m/s, shape (n_samples, 2).
 
         Returns:
-            Mean and standard deviation, m, each (n_samples,).
+            Mean and standard deviation, m, each (n_samples,), as of `GeneralLookahead.predict`.
+
+        Raises:
+            ValueError: The inputs have another number of columns or missing values.
         """
         mean, sd = np.empty(len(inputs)), np.empty(len(inputs))
         own_class = self.classes.predict(inputs[:, [SPEED]])
@@ -214,7 +220,7 @@ class VelocityLookahead:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
-        """Return the fitted model that `arrays` was taken from."""
+        """Return the fitted model that `arrays` was taken from; raises as `MixtureRegression.from_arrays`."""
         groups: dict[str, dict[str, npt.NDArray[Any]]] = {}
         for name, values in arrays.items():
             group, _, rest = name.rpartition("/")

@@ -27,10 +27,11 @@ def measure(forecast: Forecast, truth: Floats, step: float) -> tuple[Row, list[R
         step: s between two steps.
 
     Returns:
-        Measures over all steps: `mean_error` (deg, absolute), `mean_variance` (deg²), `coverage_68`, `coverage_95`,
-        `crps` (deg), `samples` (windows). The same by `horizon` (s), with `bias` (deg). By `probability`, the lower
-        edge of a bin of the probability integral transform, the `share` of all steps that fell there: calibrated
-        distributions fill every bin alike. Without windows the values are None.
+        Measures over all steps: `mean_error` (deg, absolute) and `mean_variance` (deg²), MP's ave_err and var;
+        `coverage_68`, `coverage_95` (shares), `crps` (deg, `Calibration.crps`), `samples` (windows). The same by
+        `horizon` (s), with `bias` (deg). By `probability`, the lower edge of a bin of the probability integral
+        transform, the `share` of all steps that fell there: calibrated distributions fill every bin alike. Without
+        windows the values are None.
     """
     errors = truth - forecast.mean
     calibration, sd = forecast.calibration, forecast.sd

@@ -33,7 +33,7 @@ Precision = Literal["auto", "double"]
 
 
 class GaussianMixture(Estimator):
-    """A mixture of k Gaussians.
+    """A mixture of k Gaussians, Σ p_k g_k(x; μ_k, Σ_k) (MP eqs. 4 and 5).
 
     `fit` follows scikit-learn's conventions and gives its numbers from the same start. The start is found on at most
     20,000 rows, where each of `n_starts` k-means or random starts is followed by EM; the best three compete for a few
@@ -66,7 +66,7 @@ class GaussianMixture(Estimator):
     Attributes:
         weights_: Weights p, shape (k,).
         means_: Means μ, shape (k, n_features), in the units of the data.
-        covariances_: Covariances Σ, shape (k, n_features, n_features).
+        covariances_: Covariances Σ, shape (k, n_features, n_features), in products of these units.
         converged_: False where `max_iterations` ended the fit.
         n_iterations_: M steps on all rows since the last dropped component.
         log_likelihoods_: Mean log-likelihood of a row before the first and after each M step since the last dropped
@@ -118,9 +118,9 @@ class GaussianMixture(Estimator):
         """Return a fitted mixture of given parameters.
 
         Args:
-            weights: Positive, shape (k,); divided by their sum.
-            means: Shape (k, n_features).
-            covariances: Symmetric and positive definite, shape (k, n_features, n_features).
+            weights: Positive weights, shape (k,); divided by their sum.
+            means: Shape (k, n_features), in any units.
+            covariances: Symmetric and positive definite, shape (k, n_features, n_features), in products of these units.
             settings: Further arguments of the constructor.
 
         Raises:
@@ -142,13 +142,14 @@ class GaussianMixture(Estimator):
         initial_responsibilities: npt.ArrayLike | None = None,
         initial_mixture: GaussianMixture | None = None,
     ) -> Self:
-        """Fit the mixture by expectation maximisation.
+        """Fit the mixture by expectation maximisation: θ̂ = arg max log L(θ) (PP eq. 7), MP eq. 7 its E step.
 
         Args:
             X: Rows, shape (n_samples, n_features), float32 or float64 in any units; never copied as a whole.
             y: Ignored.
             sample_weight: How often each row counts, shape (n_samples,), zero or positive; only ratios matter.
-            initial_responsibilities: Start from an M step with these, shape (n_samples, n_components), rows of sum 1.
+            initial_responsibilities: Start from an M step with these, shape (n_samples, n_components), shares whose sum
+                is 1 in every row.
             initial_mixture: Start from this fitted mixture.
 
         Raises:
@@ -198,7 +199,14 @@ class GaussianMixture(Estimator):
         return self
 
     def score_samples(self, X: npt.ArrayLike) -> FloatArray:
-        """Return the log density of each row in nats (log of MP eq. 4), shape (n_samples,)."""
+        """Return the log density of each row in nats (log of MP eq. 4), shape (n_samples,).
+
+        Args:
+            X: Rows, shape (n_samples, n_features), in the units of the data.
+
+        Raises:
+            ValueError: See `log_joint`.
+        """
         return log_sum(self._log_joint(X, NOTHING))
 
     def score(
@@ -207,22 +215,48 @@ class GaussianMixture(Estimator):
         y: object = None,  # noqa: ARG002 - part of scikit-learn's protocol
         sample_weight: npt.ArrayLike | None = None,
     ) -> float:
-        """Return the mean log density of a row in nats, rows weighted as in `fit`."""
+        """Return the mean log density of a row in nats, Σ w log G(x) / Σ w.
+
+        Args:
+            X: As for `score_samples`, shape (n_samples, n_features).
+            y: Ignored.
+            sample_weight: As for `fit`, shape (n_samples,).
+
+        Raises:
+            ValueError: See `log_joint`; or the weights cannot be used.
+        """
         densities = self.score_samples(X)
         return float(np.average(densities, weights=as_sample_weights(sample_weight, len(densities))))
 
     def predict_proba(self, X: npt.ArrayLike) -> FloatArray:
-        """Return each row's posterior responsibilities (MP eq. 7), shape (n_samples, k)."""
+        """Return each row's posterior responsibilities (MP eq. 7), shape (n_samples, k).
+
+        Args:
+            X: As for `score_samples`, shape (n_samples, n_features).
+
+        Raises:
+            ValueError: See `log_joint`.
+        """
         joint = self._log_joint(X, NOTHING)
         return np.exp(joint - log_sum(joint)[:, None])
 
     def predict(self, X: npt.ArrayLike) -> npt.NDArray[np.intp]:
-        """Return each row's most probable component from 0 (MP eq. 6, PP eq. 9), shape (n_samples,)."""
+        """Return each row's most probable component from 0 (MP eq. 6, PP eq. 9), shape (n_samples,).
+
+        Args:
+            X: As for `score_samples`, shape (n_samples, n_features).
+
+        Raises:
+            ValueError: See `log_joint`.
+        """
         labels: npt.NDArray[np.intp] = self._log_joint(X, NOTHING).argmax(axis=1)
         return labels
 
     def log_joint(self, X: npt.ArrayLike) -> FloatArray:
-        """Return log p_k + log g_k(x) for each row and component in nats, shape (n_samples, k).
+        """Return log p_k + log g_k(x) (MP eqs. 4 and 5) for each row and component in nats, shape (n_samples, k).
+
+        Args:
+            X: As for `score_samples`, shape (n_samples, n_features).
 
         Raises:
             ValueError: The mixture is not fitted, or the rows have another number of columns or missing values.
@@ -233,11 +267,11 @@ class GaussianMixture(Estimator):
         """Return what rows say of each component: by their responsibilities ρ, what an M step takes from them.
 
         Args:
-            X: Rows, shape (n_samples, n_features).
+            X: Rows, shape (n_samples, n_features), in the units of the data.
 
         Returns:
             Counts n_k = Σ ρ_k (k,), means Σ ρ_k x / n_k (k, n_features), and covariances about them
-            (k, n_features, n_features). Those of a component that no row belongs to mean nothing.
+            (k, n_features, n_features), in these units. Those of a component that no row belongs to mean nothing.
 
         Raises:
             ValueError: The mixture is not fitted, or the rows have another number of columns or missing values.
@@ -248,22 +282,30 @@ class GaussianMixture(Estimator):
 
     @property
     def inverses(self) -> FloatArray:
-        """Lower triangular W of each component, Wᵀ W = Σ⁻¹ (k, n_features, n_features)."""
+        """Lower triangular W of each component, Wᵀ W = Σ⁻¹ (k, n_features, n_features), in inverse units."""
         self._require_fit("means_")
         return self._parameters.inverses
 
     def bound(self, precision: npt.DTypeLike = np.float64) -> Bound:
-        """Return what bounds the log densities of components cheaply, see `wide_rows.Bound`."""
+        """Return what bounds the log densities of components cheaply, see `densities.bound_of`."""
         self._require_fit("means_")
         return bound_of(replace(self._parameters, precision=np.dtype(precision)))
 
     def sample(
         self, n_samples: int = 1, random_state: int | np.random.Generator | None = 0
     ) -> tuple[FloatArray, npt.NDArray[np.intp]]:
-        """Draw rows.
+        """Draw rows: a component k with probability p_k, then μ_k + F_k z, Σ_k = F_k F_kᵀ and z from N(0, I).
+
+        Args:
+            n_samples: How many.
+            random_state: Seed or generator; None draws others each time.
 
         Returns:
-            Rows in random order, shape (n_samples, n_features), and the component each was drawn from, (n_samples,).
+            Rows in random order, shape (n_samples, n_features), in the units of the data, and the component each was
+            drawn from, (n_samples,).
+
+        Raises:
+            ValueError: The mixture is not fitted.
         """
         self._require_fit("means_")
         generator = np.random.default_rng(random_state)
@@ -281,6 +323,9 @@ class GaussianMixture(Estimator):
             parameter_count: "full" counts weights, means and covariances, k − 1 + kd + kd(d + 1)/2, where the last
                 term is d(d + 1)/2 if covariances are tied and kd if they are diagonal; "paper" is 2k + kd of PP eq. 8,
                 which charges one figure for a covariance.
+
+        Raises:
+            ValueError: The mixture is not fitted.
         """
         self._require_fit("means_")
         k, d = len(self.weights_), self.n_features_in_
@@ -290,16 +335,29 @@ class GaussianMixture(Estimator):
         return k - 1 + k * d + {"full": k * triangle, "tied": triangle, "diagonal": k * d}[self.covariance_type]
 
     def bic(self, X: npt.ArrayLike, parameter_count: ParameterCount = "full") -> float:
-        """Return −2 log L + p log n of rows (n, n_features), −2 times PP eq. 8; the lower, the better."""
+        """Return −2 log L + p log n of rows (n, n_features), nats, −2 times PP eq. 8; the lower, the better.
+
+        Args:
+            X: As for `score_samples`, shape (n, n_features).
+            parameter_count: What p counts, see `n_parameters`.
+
+        Raises:
+            ValueError: See `log_joint`.
+        """
         scores = self.score_samples(X)
         return float(-2.0 * scores.sum() + self.n_parameters(parameter_count) * math.log(len(scores)))
 
     def aic(self, X: npt.ArrayLike, parameter_count: ParameterCount = "full") -> float:
-        """Return −2 log L + 2 p of rows (n, n_features); the lower, the better."""
+        """Return −2 log L + 2 p of rows (n, n_features), nats; arguments and errors as for `bic`."""
         return float(-2.0 * self.score_samples(X).sum() + 2 * self.n_parameters(parameter_count))
 
     def marginal(self, dimensions: Sequence[int] | npt.NDArray[np.integer[Any]]) -> GaussianMixture:
-        """Return the mixture that the given columns (n_columns,) follow, in the given order."""
+        """Return the mixture that the given columns (n_columns,) follow, in the given order: their rows of μ and Σ.
+
+        Raises:
+            ValueError: The mixture is not fitted.
+            IndexError: There is no such column.
+        """
         self._require_fit("means_")
         index = np.asarray(dimensions, dtype=np.intp)
         return GaussianMixture.from_parameters(

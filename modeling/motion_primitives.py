@@ -96,12 +96,15 @@ class MotionPrimitives:
 
         Returns:
             Means in deg and variances in deg², calibrated where that was fitted, each (n_windows, n₃).
+
+        Raises:
+            ValueError: The windows have another number of inputs than were learnt from, or missing values.
         """
         forecast = self.forecast(inputs, path_types)
         return forecast.mean, forecast.calibration.variance(forecast.sd)
 
     def forecast(self, inputs: Floats, path_types: NDArray[Any]) -> Forecast:
-        """Return the predictive distributions of every future step; arguments as for `predict`."""
+        """Return the predictive distributions of every future step; arguments, formulas and errors as for `predict`."""
         outputs = self.regressions[EVERYTHING].n_outputs_
         mean, sd = np.empty((len(inputs), outputs)), np.empty((len(inputs), outputs))
         given = inputs if self.coordinates is None else self.coordinates.transform(inputs)
@@ -112,10 +115,10 @@ class MotionPrimitives:
         return Forecast(mean, sd, self.calibrations.get(self.n1, Calibration.gaussian(outputs)))
 
     def predict_one(self, inputs: Floats, path_type: str) -> tuple[Floats, Floats, float]:
-        """Predict one window, unchecked and at once.
+        """Predict one window, unchecked and at once; see `predict` for the formulas.
 
         Args:
-            inputs: Finite, float64 (n_inputs,).
+            inputs: A window as for `predict`, finite, float64 (n_inputs,).
             path_type: Such as `1-3-2`.
 
         Returns:
@@ -137,7 +140,10 @@ class MotionPrimitives:
             path_types: As for `predict`.
 
         Returns:
-            Shape (n_windows,).
+            Shape (n_windows,), nats.
+
+        Raises:
+            ValueError: As for `predict`.
         """
         score = np.empty(len(inputs))
         given = inputs if self.coordinates is None else self.coordinates.transform(inputs)
@@ -181,7 +187,7 @@ class MotionPrimitives:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Self:
-        """Return the motion primitives that `arrays` was taken from."""
+        """Return the motion primitives that `arrays` was taken from; raises as `MixtureRegression.from_arrays`."""
         parts: dict[str, dict[str, dict[str, NDArray[Any]]]] = {}
         for path, values in arrays.items():
             if "/" in path:
@@ -208,7 +214,10 @@ def fit_motion_primitives(
     starts: int = 1,
     seed: int = 0,
 ) -> MotionPrimitives:
-    """Fit a driver's motion primitives.
+    """Fit a driver's motion primitives (MP eqs. 11 to 17).
+
+    EM adds to the variance of channel j of each of K components the ridge of `shrinkage` · K / n of that channel's
+    variance over all n windows, of outputs taken out again but for `OUTPUT_NOISE`.
 
     Args:
         inputs: Shape (n_windows, n_inputs), as `windows.cut_windows` lays them out.
@@ -216,8 +225,8 @@ def fit_motion_primitives(
         path_types: Path type of each window, such as `1-3-2` (n_windows,).
         n1: Path types that are told apart.
         components: n₄, components of each regression's mixture.
-        shrinkage: Rows of noise beside each component's own, above 0: `baselines.Ridge.fit` of the same windows
-            chooses it, `penalty`.
+        shrinkage: Number of rows of noise beside each component's own, above 0: `baselines.Ridge.fit` of the same
+            windows chooses it, `penalty`.
         starts: k-means starts of each mixture; the most likely one is kept.
         seed: Of the starts.
 
@@ -243,14 +252,17 @@ def fit_motion_primitives(
 def adapt_to_path_types(
     everything: GaussianMixture, joint: Floats, path_types: NDArray[Any], *, n1: N1, noise: Floats
 ) -> tuple[dict[str, GaussianMixture], dict[str, int]]:
-    """Adapt the mixture of all windows to own labels, and theirs to path types, as far as there are windows.
+    """Adapt the mixture of all windows to own labels, and theirs to path types (MP eqs. 9, 10), as windows allow.
+
+    By one step of `adaptation.adapt`, with `PRIOR_WINDOWS` for each channel as relevance.
 
     Args:
         everything: The mixture of all windows.
-        joint: All windows (n_windows, n_channels).
+        joint: All windows (n_windows, n_channels), in the units of `everything`.
         path_types: Path type of each window (n_windows,).
         n1: Path types that are told apart.
-        noise: Sum of squares of the rows of noise beside each component's own (n_channels,).
+        noise: Sum of squares of the rows of noise beside each component's own, in squares of these units
+            (n_channels,).
 
     Returns:
         The mixtures by name, `everything` as `all`, and the windows by name, also of those without a mixture.

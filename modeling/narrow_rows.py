@@ -42,17 +42,20 @@ def narrow_pass(
     first: FloatArray,
     second: FloatArray,
 ) -> float:
-    """Add what the M step needs to the sums and return the log-likelihood, see `expectation_maximisation.Statistics`.
+    """Add what the M step needs to the sums and return the log-likelihood, nats: Σ w log Σ_k p_k g_k(x).
+
+    With j_k = log p_k g_k(x) = constant − ½ |y|² the responsibility is r = w exp(j_k) / Σ exp(j_k) (MP eq. 7); see
+    `expectation_maximisation.Statistics` for the sums.
 
     Args:
-        rows: Shape (n, d).
+        rows: Shape (n, d), in any units.
         sample_weights: Shape (n,), or (0,) for weights of 1.
-        means: Shape (k, d).
-        inverses: Shape (k, d, d).
-        constants: Log density of each component at its mean, log weight included (k,).
-        counts: Sum of responsibilities (k,).
-        first: Sum of r y (k, d).
-        second: Sum of r y yᵀ, the lower triangle (k, d, d).
+        means: Shape (k, d), in the same units.
+        inverses: W, lower triangular (k, d, d), in inverse units; y = W(x − μ) has none.
+        constants: Log density of each component at its mean, log weight included, nats (k,).
+        counts: Sum of responsibilities (k,), added to, as the following ones.
+        first: Sum of responsibility times y (k, d).
+        second: Sum of responsibility times y yᵀ, the lower triangle (k, d, d).
     """
     n, d = rows.shape
     k = len(means)
@@ -135,8 +138,8 @@ def exponentials(values: npt.NDArray[Any], rounded: npt.NDArray[Any]) -> None:
     exp(x) = 2ⁿ exp(r) with n = round(x / ln 2) and |r| ≤ ln 2 / 2, exp(r) by its Taylor series.
 
     Args:
-        values: Shape (n,); smaller ones count as `LOWEST`.
-        rounded: Overwritten (n,).
+        values: Pure numbers (n,); smaller ones count as `LOWEST`.
+        rounded: Pure numbers, overwritten (n,).
     """
     bits = rounded.view(np.int64)
     for i in range(len(values)):

@@ -23,7 +23,7 @@ STRIDE = 8
 
 
 class OneRow(NamedTuple):
-    """A mixture regression of q outputs on d inputs, as `predict_row` takes it.
+    """A mixture regression of q outputs on d inputs in the units of the data, as `predict_row` takes it.
 
     Attributes:
         order: In which the inputs are whitened (d,).
@@ -69,10 +69,11 @@ def predict_row(
 ) -> float:
     """Write the mean and the standard deviation of each output and return the log density of the inputs, nats.
 
-    Both are gathered about the mean of the most likely component, as in `conditional.predict_rows`.
+    Both are gathered about the mean of the most likely component, as in `conditional.predict_rows`; see
+    `MixtureRegression` for the formulas.
 
     Args:
-        x: Inputs (d,).
+        x: Inputs (d,), in the units of the data.
         order: This and the following: see `OneRow`.
         means: See there.
         inverses: See there.
@@ -83,8 +84,8 @@ def predict_row(
         variances: See there.
         cutoff: See there.
         faithful: See there.
-        mean: Shape (q,).
-        sd: Shape (q,).
+        mean: Written (q,), in the units of the data.
+        sd: Written (q,), in the units of the data.
     """
     k, d = means.shape
     q = outputs.shape[1]

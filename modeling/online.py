@@ -39,12 +39,13 @@ class OnlineMixture:
 
     Attributes:
         weights: Mean responsibility of each component (k,).
-        means: Mean of the rows by responsibility (k, d).
-        covariances: Their covariance about these means, without regularisation (k, d, d).
-        ridge: Added to each covariance's diagonal in `mixture`, (d,), from the variances of the first drive.
+        means: Mean of the rows by responsibility (k, d), in the units of the rows.
+        covariances: Their covariance about these means, without regularisation (k, d, d), in products of these units.
+        ridge: Added to each covariance's diagonal in `mixture`, (d,), in squares of these units, from the first
+            drive's variances.
         rows: Rows seen.
         batch: Rows of a batch.
-        exponent: κ.
+        exponent: κ of the steps, a pure number.
     """
 
     weights: FloatArray
@@ -66,15 +67,15 @@ class OnlineMixture:
         batch: int = 200,
         **settings: Any,
     ) -> Self:
-        """Fit the first drive by EM in batch.
+        """Fit the first drive by EM in batch; its statistics are Σ ρ/n, Σ ρx/n and Σ ρxxᵀ/n (see the module).
 
         Args:
-            first_drive: Rows (n_rows, d).
+            first_drive: Rows (n_rows, d), in any units.
             n_components: K; a component that collapses in the first drive is gone for good.
             covariance_regularisation: As in `GaussianMixture`.
-            exponent: κ, above 0.5 and at most 1. On eight made-up drives of one mixture in unlike shares the mean
-                log-likelihood ended below the batch fit's by 0.02 nats with 0.6 and by 0.00 with 1; where a component
-                was missing in the first drive, by 0.03 with 0.6 and by 0.47 with 1.
+            exponent: κ, a pure number above 0.5 and at most 1. On eight made-up drives of one mixture in unlike shares
+                the mean log-likelihood ended below the batch fit's by 0.02 nats with 0.6 and by 0.00 with 1; where a
+                component was missing in the first drive, by 0.03 with 0.6 and by 0.47 with 1.
             batch: Rows from which one step is made; as many as tell all components' covariances well.
             settings: Further arguments of `GaussianMixture`.
 
@@ -95,18 +96,18 @@ class OnlineMixture:
 
     @property
     def mixture(self) -> GaussianMixture:
-        """The mixture that these statistics give (the M step)."""
+        """The mixture that these statistics give, the M step: their weights, means, and covariances + `ridge`."""
         covariances = self.covariances + np.diag(self.ridge)
         return GaussianMixture.from_parameters(self.weights, self.means, covariances)
 
     def learn(self, drive: FloatArray, seed: int = 0) -> OnlineMixture:
-        """Learn from one more drive.
+        """Learn from one more drive, by a step of the module's formula for each batch of it.
 
         Its rows are dealt out to batches at random: rows that follow each other are nearly equal and would pull the
         mixture along the road.
 
         Args:
-            drive: Rows (n_rows, d).
+            drive: Rows (n_rows, d), in the units of the first drive.
             seed: Of the dealing.
 
         Raises:

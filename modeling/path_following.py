@@ -42,7 +42,7 @@ class Way(NamedTuple):
         curvature: 1/m, positive to the left.
         speed: m/s.
         lookahead: m.
-        driver_share: Of the steering, 0 to 1: how far the driver's model is to be trusted here.
+        driver_share: Share of the steering, 0 to 1: how far the driver's model is to be trusted here.
         angle: rad, largest road wheel angle of the driver, at most the lock.
         rate: rad/s, largest rate of it; infinite for none.
     """
@@ -74,7 +74,7 @@ class Chassis(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def reach_at(speed: float) -> float:
-    """Return ℓ in m, the distance within which the controller's tracking error falls to 1/e at a speed in m/s."""
+    """Return ℓ = max(`TIME_CONSTANT`·v, `SHORTEST_REACH`), m, in which the tracking error falls to 1/e, v in m/s."""
     return max(TIME_CONSTANT * speed, SHORTEST_REACH)
 
 
@@ -113,12 +113,13 @@ def stable_curvature(deviation: float, astray: float, curvature: float, speed: f
 def share_on_path(deviation: float, astray: float, speed: float, tolerance: float) -> float:
     """Return how far a driver who keeps to the path within `tolerance` m is to be trusted so far off it, 1 to 0.
 
-    What counts is d = √(e² + ℓ² ψ²), the root of `stable_curvature`'s 2 V ℓ². From d = 2·`tolerance` on nothing of the
-    driver is left, so that V falls: whatever the driver does within, d stays below, and |e| ≤ d.
+    What counts is d = √(e² + ℓ² ψ²), the root of `stable_curvature`'s 2 V ℓ². With u = d / `tolerance` − 1, from 0 to
+    1, the share is 1 − u² (3 − 2u). From d = 2·`tolerance` on nothing of the driver is left, so that V falls: whatever
+    the driver does within, d stays below, and |e| ≤ d.
 
     Args:
-        deviation: e, m.
-        astray: ψ, rad.
+        deviation: e, m, positive to the left.
+        astray: ψ, rad, positive to the left.
         speed: v, m/s.
         tolerance: m.
     """
@@ -129,7 +130,10 @@ def share_on_path(deviation: float, astray: float, speed: float, tolerance: floa
 
 @njit(cache=True, nogil=True)
 def between(values: FloatArray, foot: int, share: float) -> float:
-    """Return values (n,) interpolated at a share of the way from sample `foot` to the next one."""
+    """Return values (n,) of any unit interpolated at a share of the way from sample i = `foot` to the next one.
+
+    That is v_i + share · (v_i+1 − v_i), in the unit of the values.
+    """
     found: float = values[foot] + share * (values[foot + 1] - values[foot])
     return found
 
@@ -138,7 +142,19 @@ def between(values: FloatArray, foot: int, share: float) -> float:
 def tracking_error(
     x: float, y: float, heading: float, line: Line, way: Way, foot: int, share: float
 ) -> tuple[float, float]:
-    """Return how far to the left of the line a car is, m, and points, rad within ±π, at its foot point."""
+    """Return how far to the left of the line a car is, m, and points, rad within ±π, at its foot point.
+
+    At its point (x_p, y_p) of course θ they are e = cos θ (y − y_p) − sin θ (x − x_p) and ψ = heading − θ, wrapped.
+
+    Args:
+        x: East of the car, m.
+        y: North, m.
+        heading: Where it points, rad anticlockwise from east.
+        line: The path.
+        way: What holds along it.
+        foot: Sample behind the foot point.
+        share: Share of the way from there to the next one, 0 to 1.
+    """
     course = between(way.course, foot, share)
     east, north = x - between(line.x, foot, share), y - between(line.y, foot, share)
     astray = (heading - course + math.pi) % (2 * math.pi) - math.pi
@@ -151,9 +167,9 @@ def follow(
 ) -> FloatArray:
     """Drive along a line to where it does not reach as far ahead as the driver looks.
 
-    The driver's angle is that of PP eq. 1, within the limits of angle and rate. The car steers that and the angle of
-    `stable_curvature` in shares: the driver's is `share_on_path` times `driver_share` of the place, which is followed
-    with `TAKEOVER`. Speed is that of the place.
+    The driver's angle is that of PP eq. 1, within the limits of angle and rate. The car steers that and the angle
+    atan(κ (L + K v²)) of `stable_curvature`'s κ in shares: the driver's is `share_on_path` times `driver_share` of the
+    place, which is followed with `TAKEOVER`. Speed is that of the place.
 
     Args:
         line: The path.

@@ -45,7 +45,7 @@ class PathTypes:
         mixture: Mixture of the transformed features, its components in the order of the labels.
         means: Mean features of each label, shape (k, 4), in the features' units.
         logarithms: Whether the mixture is one of the logarithms of the durations and deviations.
-        criterion: (clusters, BIC) of each number of clusters that was compared.
+        criterion: (clusters, BIC in nats) of each number of clusters that was compared.
     """
 
     mixture: GaussianMixture
@@ -57,7 +57,7 @@ class PathTypes:
     def fit(
         cls, features: FloatArray, clusters: int | Literal["bic"], maximum: int, seed: int, *, logarithms: bool = True
     ) -> Self:
-        """Cluster path segments.
+        """Cluster path segments (MP eqs. 3 to 5).
 
         Args:
             features: Duration (s), average and maximum course deviation (deg per sample), average speed (m/s) of each
@@ -93,14 +93,21 @@ class PathTypes:
         return self.mixture.weights_
 
     def label(self, features: FloatArray) -> Labels:
-        """Return the most probable label of each segment, from 1 (MP eqs. 6 and 7), shape (n_segments,)."""
+        """Return the most probable label of each segment, from 1 (MP eqs. 6 and 7), shape (n_segments,).
+
+        Args:
+            features: As for `fit`, shape (n_segments, 4).
+
+        Raises:
+            ValueError: There are missing features.
+        """
         return self.mixture.predict(_transform(features, logarithms=self.logarithms)) + 1
 
 
 def cluster_segments(
     features: FloatArray, clusters: int | Literal["bic"], maximum: int, seed: int
 ) -> tuple[Labels, FloatArray, FloatArray, list[tuple[int, float]]]:
-    """Cluster path segments as `dataset.segments.PathClustering` describes it, see `PathTypes.fit`."""
+    """Cluster path segments as `dataset.segments.PathClustering` describes it; see `PathTypes.fit`, also for errors."""
     types = PathTypes.fit(features, clusters, maximum, seed)
     return types.label(features), types.means, types.weights, list(types.criterion)
 

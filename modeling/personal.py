@@ -59,7 +59,7 @@ class Samples:
 
     @property
     def joint(self) -> FloatArray:
-        """Inputs and outputs side by side (n_samples, n_inputs + n_outputs)."""
+        """Inputs and outputs side by side, in their units (n_samples, n_inputs + n_outputs)."""
         return np.concatenate([self.inputs, self.outputs], axis=1)
 
 
@@ -113,7 +113,17 @@ def fit_own(
 def personalise(
     population: MixtureRegression, samples: Samples, quantity: Quantity, settings: Personal
 ) -> MixtureRegression:
-    """Adapt the population's regression to a driver (see `adaptation`); any number of samples will do."""
+    """Adapt the population's regression to a driver, see `adaptation`; any number of samples will do.
+
+    Args:
+        population: Of everybody.
+        samples: Of the driver.
+        quantity: What they are samples of.
+        settings: With the relevance, rows for each channel.
+
+    Raises:
+        ValueError: The samples have other channels than the population's, or missing values.
+    """
     joint = samples.joint[:: EVERY if quantity == "steering" else 1]
     mixture = adapt(population.mixture_, joint, settings.relevance * joint.shape[1])
     channels = range(joint.shape[1])
@@ -145,7 +155,15 @@ class Likelihoods:
 
 
 def measure(model: MixtureRegression, samples: Samples) -> tuple[FloatArray, Likelihoods]:
-    """Return each sample's mean absolute error (n_samples,), deg or m, and its log-likelihoods."""
+    """Return each sample's mean absolute error, Σ |ŷ − y| / n_outputs (n_samples,), deg or m, and its log-likelihoods.
+
+    Args:
+        model: Anybody's.
+        samples: What is to be explained.
+
+    Raises:
+        ValueError: The samples have other channels than the model, or missing values.
+    """
     outputs = samples.outputs.shape[1]
     error = np.abs(model.predict(samples.inputs).reshape(samples.outputs.shape) - samples.outputs).mean(axis=1)
     conditional = model.log_likelihood(samples.inputs, samples.outputs) / outputs
@@ -154,14 +172,18 @@ def measure(model: MixtureRegression, samples: Samples) -> tuple[FloatArray, Lik
 
 
 def weight(quantity: Quantity, rate: float) -> float:
-    """Return what one sample's log-likelihood counts for a minute, at a rate in Hz (see the module)."""
+    """Return what one sample's log-likelihood counts for a minute, at a rate in Hz: a weight.
+
+    It is 1 of steering, and w = 1 / max(`LOOKAHEAD_MEMORY` · rate, 1) of lookahead distances, which say less each.
+    """
     return 1.0 if quantity == "steering" else 1.0 / max(LOOKAHEAD_MEMORY * rate, 1.0)
 
 
 def cut_minutes(rows: Rows, centres: Rows, rate: float) -> NDArray[np.intp]:
     """Return which piece of about a minute, from 0, each sample of a fold belongs to (n_samples,).
 
-    A fold of less than a minute and a half is one piece; all pieces of a fold are equally long.
+    With n rows at a rate f they are max(round(n / (60 f)), 1), all equally long: a fold of less than a minute and a
+    half is one.
 
     Args:
         rows: Rows of the fold (n_rows,), rising.
@@ -174,10 +196,10 @@ def cut_minutes(rows: Rows, centres: Rows, rate: float) -> NDArray[np.intp]:
 
 
 def name_drivers(likelihoods: Mapping[str, FloatArray], minutes: NDArray[np.intp]) -> dict[int, tuple[str, float]]:
-    """Say whose model explains each minute best, by the sum of its samples' log-likelihoods.
+    """Say whose model explains each minute best, by the sum of its samples' log-likelihoods: arg max Σ log p.
 
     Args:
-        likelihoods: By driver, log-likelihood of each sample (n_samples,).
+        likelihoods: By driver, two at least, log-likelihood of each sample, nats (n_samples,).
         minutes: Which minute each sample belongs to (n_samples,).
 
     Returns:
@@ -197,7 +219,7 @@ def first_minutes_after(series: Series, training: Mask, fold: int, rate: float) 
 
     A learning curve takes the first so many: a stretch of driving as a new driver would have it, nested within the
     longer ones. It begins where the test fold ends, so that every fold has another stretch, and after the last row of
-    the series goes on at the first.
+    the series goes on at the first. The i-th row of these, from 0, has t = i / (60 rate).
 
     Args:
         series: The driver's data.
@@ -217,7 +239,7 @@ def first_minutes_after(series: Series, training: Mask, fold: int, rate: float) 
 
 
 def curve_minutes(available: float) -> list[int]:
-    """Return 1, 2, 5, 10, 20, 50, … as far as there are so many minutes."""
+    """Return 1, 2, 5, 10, 20, 50, … min, as far as `available` min reach: f · 10ⁿ with f = 1, 2, 5."""
     steps = [factor * 10**power for power in range(6) for factor in (1, 2, 5)]
     return [minutes for minutes in steps if minutes <= available]
 

@@ -21,14 +21,13 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
-from ..dataset.folds import training_mask
 from ..schemas.config import Config
 from ..schemas.errors import InputError
 from ..schemas.project import Project, encode_name
 from ..schemas.store import Manifest, describe_output, fingerprint, publish_json, publish_text
 from ..schemas.tables import CROSS_DRIVER_COLUMNS, IDENTIFICATION_COLUMNS, LEARNING_CURVE_COLUMNS
 from ..schemas.tasks import Outcome, Task
-from .drivers import one_thread, read_series
+from .drivers import one_thread, read_series, training_and_test
 from .estimator import FloatArray
 from .personal import (
     QUANTITIES,
@@ -46,7 +45,7 @@ from .personal import (
     weight,
 )
 from .regression import MixtureRegression
-from .windows import Mask, Rows, Series
+from .windows import Rows
 
 TABLES = {
     "learning_curve": LEARNING_CURVE_COLUMNS,
@@ -107,6 +106,9 @@ def evaluate_learning_curve(project: Path, drivers: Sequence[str], driver: str, 
 
     Returns:
         The outcome; a model that has too few samples to be fitted has no row.
+
+    Raises:
+        InputError: A dataset cannot be read.
     """
     settings, seed, rate = config.models.personal, config.models.seed, config.sync.rate
     series = {name: read_series(project, name, config) for name in drivers}
@@ -121,7 +123,7 @@ def evaluate_learning_curve(project: Path, drivers: Sequence[str], driver: str, 
             ]
             population = fit_own(others, quantity, settings, seed)
             for fold in range(config.dataset.folds):
-                training, test = _split(own, fold, config)
+                training, test = training_and_test(own, fold, config)
                 asked = take_samples(own, test, quantity, settings)
                 come = first_minutes_after(own, training, fold, rate)
                 models: list[tuple[str, int, MixtureRegression | None]] = [("population", 0, population)]
@@ -149,10 +151,13 @@ def evaluate_across_drivers(project: Path, drivers: Sequence[str], fold: int, co
 
     Returns:
         The outcome; a quantity that some driver has too few samples of is left out and named as a problem.
+
+    Raises:
+        InputError: A dataset cannot be read.
     """
     settings = config.models.personal
     series = {name: read_series(project, name, config) for name in drivers}
-    splits = {name: _split(own, fold, config) for name, own in series.items()}
+    splits = {name: training_and_test(own, fold, config) for name, own in series.items()}
     matrix: list[Row] = []
     scores: dict[str, dict[str, dict[Quantity, tuple[Samples, dict[str, Likelihoods]]]]] = {}
     problems = []
@@ -229,6 +234,10 @@ def gather_personal(project: Project, tasks: Iterable[Task]) -> list[Printed]:
 
 def identification_rates(rows: Sequence[Mapping[str, Any]]) -> list[Row]:
     """Return the rate of rightly named minutes and the confusion matrix for each model, density and evidence.
+
+    The rate r of n minutes has the 95 % interval of Wilson (1927), with z = 1.96:
+
+        (r + z²/2n ± z √(r (1 − r) / n + z²/4n²)) / (1 + z²/n)
 
     Args:
         rows: Of `identification.csv`.
@@ -321,12 +330,6 @@ def _print_curve(rows: Sequence[Row]) -> Printed:
         *(f"{what}, {m}" for what in ("error", "nats") for m in ("own", "adapted", "population")),
     )
     return "Learning curve: means over drivers and test folds", heads, lines
-
-
-def _split(series: Series, fold: int, config: Config) -> tuple[Mask, Mask]:
-    """Return the rows to learn from and the rows to test."""
-    embargo = round(config.dataset.embargo * 1e9)
-    return training_mask(series.fold, series.recording, series.time, fold, embargo), series.fold == fold
 
 
 def _means(error: FloatArray, likelihoods: Likelihoods) -> Row:

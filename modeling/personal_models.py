@@ -51,10 +51,11 @@ class PersonalModel:
         return cls(regression, window_of(quantity, settings), state)
 
     def predict(self, inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Predict the quantity.
+        """Predict the quantity, by the formulas of `MixtureRegression`.
 
         Args:
-            inputs: Shape (n_samples, n_inputs): windows as `windows.cut_windows` lays them out, or [Δθ, v].
+            inputs: Shape (n_samples, n_inputs): windows as `windows.cut_windows` lays them out, or [Δθ, v], deg per
+                sample and m/s.
 
         Returns:
             Means and standard deviations: of each following step (n_samples, n₃), deg; or (n_samples,), m.
@@ -75,7 +76,7 @@ class PersonalModel:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Self:
-        """Return the model that `arrays` was taken from."""
+        """Return the model that `arrays` was taken from; raises as `MixtureRegression.from_arrays`."""
         state = {name.removeprefix("state/"): values for name, values in arrays.items() if name.startswith("state/")}
         window = tuple(arrays["window"].tolist())
         return cls(

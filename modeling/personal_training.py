@@ -41,7 +41,7 @@ def plan_population(project: Project) -> list[Task]:
         The tasks; none where `models.personal.train` says so or fewer than two drivers are modelled.
 
     Raises:
-        InputError: No dataset was built yet.
+        InputError: See `drivers.modelled_drivers`.
     """
     drivers, _ = modelled_drivers(project)
     if not project.config.models.personal.train or len(drivers) < 2:
@@ -87,7 +87,7 @@ def plan_continuation(project: Project, *, anew: bool) -> tuple[list[Task], list
         The tasks, and the drivers with too little data.
 
     Raises:
-        InputError: No dataset was built yet.
+        InputError: See `drivers.modelled_drivers`.
     """
     drivers, problems = modelled_drivers(project)
     config = project.config
@@ -115,7 +115,7 @@ def train_population(
         config: The project file.
 
     Raises:
-        InputError: There are too few samples.
+        InputError: There are too few samples, or a dataset cannot be read.
     """
     settings = config.models.personal
     series = [read_series(project, driver, config) for driver in drivers]
@@ -152,7 +152,7 @@ def train_adapted(project: Path, driver: str, files: Mapping[str, str], quantity
         config: The project file.
 
     Raises:
-        InputError: There is no model of the population, or it is damaged.
+        InputError: There is no model of the population, it is damaged, or the dataset cannot be read.
     """
     settings = config.models.personal
     kind = f"population_{quantity}"
@@ -184,7 +184,7 @@ def continue_learning(
     *,
     anew: bool,
 ) -> Outcome:
-    """Learn from the recordings that were not learnt from yet, one after the other, and save the model.
+    """Learn from the recordings that were not learnt from yet, one after the other, and save the model (see `online`).
 
     In memory is one recording at a time. The first one that has enough samples is fitted in batch; the statistics of
     all of them go on as in `online`. A recording that has left the dataset stays learnt.
@@ -204,7 +204,7 @@ def continue_learning(
 
     Raises:
         InputError: No recording has enough samples to begin with, the settings are not those of the saved model, or
-            the saved model is damaged.
+            the saved model or a recording's dataset is damaged.
     """
     settings, kind = config.models.personal, f"online_{quantity}"
     folder = Project(project).model_folder(kind, driver)

@@ -57,7 +57,7 @@ class SteeringModel:
         return cut_windows(series, centres, self.past_steps, self.future_steps)
 
     def predict(self, inputs: Floats, path_types: NDArray[Any]) -> tuple[Floats, Floats]:
-        """Return means in deg and standard deviations in deg, each (n_windows, n₃), see `MotionPrimitives.predict`."""
+        """Return means and standard deviations √var, deg, each (n_windows, n₃); see `MotionPrimitives.predict`."""
         mean, variance = self.primitives.predict(inputs, path_types)
         return mean, np.sqrt(variance)
 
@@ -79,7 +79,7 @@ class SteeringModel:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Self:
-        """Return the model that `arrays` was taken from."""
+        """Return the model that `arrays` was taken from; raises as `MixtureRegression.from_arrays`."""
         mixture = GaussianMixture.from_parameters(*(arrays[f"types/{n}"] for n in ("weights", "means", "covariances")))
         types = PathTypes(mixture, arrays["types/features"], bool(arrays["types/logarithms"]), ())
         neutral, release, shortest = arrays["division"]
@@ -108,7 +108,7 @@ def load_steering_model(project: Project, driver: str) -> SteeringModel:
 
 
 def predict_steering(project: Project, model: SteeringModel, driver: str, recording: str) -> pa.Table:
-    """Predict the steering along a recording of the dataset, from every sample with a whole window.
+    """Predict the steering along a recording of the dataset, from every sample with a whole window (MP eq. 1).
 
     The path up to n₃ steps ahead is taken from the recording, as a planner would give it; of the steering only what
     the driver had done by then. Types of path are what is known by then, too (`path_ahead`), so that `Predictor` gives
@@ -122,13 +122,13 @@ def predict_steering(project: Project, model: SteeringModel, driver: str, record
         recording: Name of the recording.
 
     Returns:
-        One row for each predicted window: `time` (t), `steering_wheel_angle` (what the driver did at t),
+        One row for each predicted window: `time` (t), `steering_wheel_angle` (deg, what the driver did at t),
         `path_type`, `regression` (the motion primitive that predicts, see `MotionPrimitives.model_of`), and as lists
-        of n₃ values for t + 1 … t + n₃ `mean` and `sd`; `domain_score` (see `MotionPrimitives.domain_score`). Empty
-        where no window is whole.
+        of n₃ values for t + 1 … t + n₃ `mean` and `sd`, deg; `domain_score` in nats, see
+        `MotionPrimitives.domain_score`. Empty where no window is whole.
 
     Raises:
-        InputError: The dataset lacks the recording, or has another sampling period than the model.
+        InputError: The dataset cannot be read, lacks the recording, or has another sampling period than the model.
     """
     config = project.config
     if config.sync.period != model.period:

@@ -36,7 +36,7 @@ class PathAhead(NamedTuple):
     """A planned path at the model's period.
 
     Attributes:
-        course_deviation: deg per sample (n_steps,).
+        course_deviation: deg per sample (n_steps,), positive to the left.
         speed: m/s (n_steps,).
     """
 
@@ -117,7 +117,7 @@ class Predictor:
         self._plan = (start, self._two_rows(path))
 
     def step(self, sample: Sample, ahead: PathAhead | None = None) -> Prediction | None:
-        """Take the next sample and predict.
+        """Take the next sample and predict; see `MotionPrimitives.predict` for the formulas, the sd = √variance.
 
         Args:
             sample: What is known now.

@@ -13,7 +13,13 @@ FloatArray = npt.NDArray[np.float64]
 
 
 class Line(NamedTuple):
-    """The line to follow, equally spaced: m (n,), and the spacing."""
+    """The line to follow, equally spaced.
+
+    Attributes:
+        x: East, m (n,).
+        y: North, m (n,).
+        step: Spacing, m.
+    """
 
     x: FloatArray
     y: FloatArray
@@ -23,6 +29,8 @@ class Line(NamedTuple):
 @njit(cache=True, nogil=True)
 def foot_point(x: float, y: float, line: Line, first: int) -> tuple[int, float]:
     """Return where along the line a car is: a sample, and the share of the way to the next one, within [0, 1].
+
+    From sample p_i on the share is (p − p_i) · (p_i+1 − p_i) / |p_i+1 − p_i|², the foot of the perpendicular.
 
     Args:
         x: East of the car, m.
@@ -43,9 +51,20 @@ def foot_point(x: float, y: float, line: Line, first: int) -> tuple[int, float]:
 
 @njit(cache=True, nogil=True)
 def goal_point(x: float, y: float, distance: float, line: Line, first: int) -> tuple[float, float]:
-    """Return the first point of the line at or behind sample `first` that is `distance` away from (x, y).
+    """Return the first point, m, of the line at or behind sample `first` that is `distance` away from (x, y).
 
+    On the piece from p_i to p_i+1 it solves |p_i + u (p_i+1 − p_i) − (x, y)|² = distance², a quadratic equation in u.
     Where the line does not get that far it is its last point, and where `first` is farther away already, that one.
+
+    Args:
+        x: East of the car, m.
+        y: North, m.
+        distance: m, the lookahead distance.
+        line: The line.
+        first: Sample to begin with.
+
+    Returns:
+        East and north, m.
     """
     i = first
     last = len(line.x) - 1

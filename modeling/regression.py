@@ -51,8 +51,8 @@ class MixtureRegression(Estimator):
 
     Attributes:
         mixture_: The mixture of [x, y], inputs first.
-        matrices_: A_k, shape (k, n_outputs, n_inputs).
-        conditional_covariances_: C_k, shape (k, n_outputs, n_outputs).
+        matrices_: A_k, shape (k, n_outputs, n_inputs), in the outputs' units over the inputs'.
+        conditional_covariances_: C_k, shape (k, n_outputs, n_outputs), in products of the outputs' units.
         n_features_in_: Number of inputs.
         n_outputs_: Number of outputs.
     """
@@ -100,7 +100,7 @@ class MixtureRegression(Estimator):
         faithful: bool = False,
         single_output: bool = False,
     ) -> Self:
-        """Return the regression that a fitted mixture holds.
+        """Return the regression that a fitted mixture holds (MP eqs. 16 and 17).
 
         Args:
             mixture: A fitted mixture, or one of given arrays (`GaussianMixture.from_parameters`).
@@ -128,7 +128,12 @@ class MixtureRegression(Estimator):
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
-        """Return the regression that `arrays` was taken from; raises ValueError where they do not belong together."""
+        """Return the regression that `arrays` was taken from.
+
+        Raises:
+            KeyError: An array is missing.
+            ValueError: They do not belong together.
+        """
         joint = GaussianMixture.from_parameters(arrays["weights"], arrays["means"], arrays["covariances"])
         regression = cls(len(joint.weights_), faithful=bool(arrays["faithful"]))
         single_output = bool(arrays["single_output"])
@@ -151,8 +156,8 @@ class MixtureRegression(Estimator):
         """Fit the mixture of [x, y].
 
         Args:
-            X: Inputs, shape (n_samples, n_inputs), any units.
-            y: Outputs, shape (n_samples, n_outputs), or (n_samples,) for predictions of that shape.
+            X: Inputs, shape (n_samples, n_inputs), in any units.
+            y: Outputs, shape (n_samples, n_outputs), or (n_samples,) for predictions of that shape, in any units.
 
         Raises:
             ValueError: See `GaussianMixture.fit`; or X and y differ in their number of rows.
@@ -192,7 +197,7 @@ class MixtureRegression(Estimator):
         """Predict y (MP eqs. 18 to 22, see the class).
 
         Args:
-            X: Inputs, shape (n_samples, n_inputs).
+            X: Inputs, shape (n_samples, n_inputs), in the units of the data.
             return_sd: Return the standard deviation of each output too.
             return_covariance: Return the covariance of the outputs too, instead.
             single: Compute in single precision, right to about 1e-4 standard deviations and twice as fast where there
@@ -201,7 +206,7 @@ class MixtureRegression(Estimator):
         Returns:
             The means, shape (n_samples, n_outputs), or (n_samples,) after a fit with such a y. With `return_sd` also
             the standard deviations, of the same shape; with `return_covariance` also the covariances, shape
-            (n_samples, n_outputs, n_outputs).
+            (n_samples, n_outputs, n_outputs). All are in the units of the data.
 
         Raises:
             ValueError: X has another number of columns or missing values, the regression is not fitted, or both
@@ -222,11 +227,13 @@ class MixtureRegression(Estimator):
     def predict_one(self, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
         """Predict y of one row, unchecked and at once: what `predict` says of it takes longer than the computation.
 
+        See `predict` for the formulas.
+
         Args:
-            x: Finite inputs, float64 (n_inputs,).
+            x: Finite inputs, float64 (n_inputs,), in the units of the data.
 
         Returns:
-            Means and standard deviations, each (n_outputs,), and the domain score in nats.
+            Means and standard deviations, each (n_outputs,), in the units of the data, and the domain score in nats.
         """
         from .one_row import predict_row
 
@@ -264,10 +271,18 @@ class MixtureRegression(Estimator):
         return mean, covariance
 
     def responsibilities(self, X: npt.ArrayLike) -> FloatArray:
-        """Return β_k of each row: how probable each component is given x (`faithful`: eq. 20, without priors).
+        """Return β_k of each row: how probable each component is given x.
+
+        It is p_k N(x; μ_k, Σ_k) / Σ_j p_j N(x; μ_j, Σ_j) (PP eq. 11), with `faithful` MP eq. 20, without the p.
+
+        Args:
+            X: Inputs as for `predict`, shape (n_samples, n_inputs).
 
         Returns:
-            Shape (n_samples, k), rows of sum 1.
+            Shape (n_samples, k), shares whose sum is 1 in every row.
+
+        Raises:
+            ValueError: X has another number of columns or missing values, or the regression is not fitted.
         """
         self._require_fit("matrices_")
         if not self.faithful:
@@ -278,9 +293,18 @@ class MixtureRegression(Estimator):
         return beta
 
     def domain_score(self, X: npt.ArrayLike) -> FloatArray:
-        """Return the log density of the inputs alone in nats, shape (n_samples,): low where little was learnt.
+        """Return the log density of the inputs alone, log Σ p_k N(x; μ_k, Σ_k), nats: low where little was learnt.
 
         It ranks inputs, and has no scale of its own; `domain_probability` has.
+
+        Args:
+            X: Inputs as for `predict`, shape (n_samples, n_inputs).
+
+        Returns:
+            Shape (n_samples,).
+
+        Raises:
+            ValueError: As for `responsibilities`.
         """
         self._require_fit("matrices_")
         return self._input_mixture.score_samples(X)
@@ -292,6 +316,12 @@ class MixtureRegression(Estimator):
         Mahalanobis distance D_k: Σ β_k Q(d/2, D_k²/2), Q the regularised upper incomplete gamma function. It is uniform
         from 0 to 1 for rows that follow the mixture; below 0.001 an input lies outside what was learnt, and the
         prediction is an extrapolation.
+
+        Args:
+            X: Inputs as for `predict`, shape (n_samples, n_inputs).
+
+        Raises:
+            ValueError: As for `responsibilities`.
         """
         from scipy.special import gammaincc
 
@@ -305,7 +335,17 @@ class MixtureRegression(Estimator):
         return shares
 
     def log_likelihood(self, X: npt.ArrayLike, y: npt.ArrayLike) -> FloatArray:
-        """Return log p(y | x) of each row under the mixture in nats, shape (n_samples,); `faithful` changes nothing."""
+        """Return log p(y | x) = log p(x, y) − log p(x) of each row in nats, shape (n_samples,).
+
+        They are those of the mixture: `faithful` changes nothing.
+
+        Args:
+            X: Inputs as for `predict`, shape (n_samples, n_inputs).
+            y: What happened, shape (n_samples, n_outputs) or (n_samples,), in the units of the data.
+
+        Raises:
+            ValueError: As for `responsibilities`; or y has another shape or missing values.
+        """
         self._require_fit("matrices_")
         rows = self._rows(X)
         targets = np.asarray(y).reshape(len(rows), self.n_outputs_)
@@ -315,8 +355,14 @@ class MixtureRegression(Estimator):
         """Return the coefficient of determination R² = 1 − Σ (y − ŷ)² / Σ (y − ȳ)², averaged over the outputs.
 
         Args:
-            X: Inputs, shape (n_samples, n_inputs).
-            y: What happened, shape (n_samples, n_outputs) or (n_samples,).
+            X: Inputs as for `predict`, shape (n_samples, n_inputs).
+            y: What happened, shape (n_samples, n_outputs) or (n_samples,), in the units of the data.
+
+        Returns:
+            A ratio, 1 at best; an output that never changes makes it −∞ or NaN.
+
+        Raises:
+            ValueError: As for `responsibilities`; or y has another shape.
         """
         mean = self.predict(X).reshape(-1, self.n_outputs_)
         targets = np.asarray(y, dtype=np.float64).reshape(mean.shape)

@@ -29,8 +29,8 @@ class ComponentPath:
         kept: Components that did not collapse (n_ks,).
         log_likelihood: log L of all rows in nats (n_ks,).
         n_parameters: p of the components kept (n_ks,).
-        bic: Shape (n_ks,).
-        aic: Shape (n_ks,).
+        bic: In nats (n_ks,).
+        aic: In nats (n_ks,).
         mixtures: The fits (n_ks,).
     """
 
@@ -47,7 +47,7 @@ class ComponentPath:
         return self.mixtures[int({"bic": self.bic, "aic": self.aic}[criterion].argmin())]
 
     def table(self) -> list[dict[str, float]]:
-        """Return a row for each number of components, as a data frame or a CSV takes them."""
+        """Return a row for each number of components, as a data frame or a CSV takes them; units as in the class."""
         names = ("n_components", "kept", "log_likelihood", "n_parameters", "bic", "aic")
         columns = {name: getattr(self, name).tolist() for name in names}
         return [dict(zip(names, row, strict=True)) for row in zip(*columns.values(), strict=True)]
@@ -56,7 +56,7 @@ class ComponentPath:
 def select_components(
     X: npt.ArrayLike, ks: Iterable[int], *, parameter_count: ParameterCount = "full", **settings: Any
 ) -> ComponentPath:
-    """Fit a mixture for each number of components and return them with their criteria.
+    """Fit a mixture for each number of components and return them with their criteria; see `ComponentPath`.
 
     Args:
         X: Rows, shape (n_samples, n_features), in any units.

@@ -42,9 +42,12 @@ def search(
         components: k.
         kind: Labels of k-means of the scaled rows, or random responsibilities.
         starts: How many.
-        scale: Standard deviation of each channel (d,).
+        scale: Standard deviation of each channel (d,), in the units of the rows.
         settings: Of EM.
         generator: Source of all choices.
+
+    Raises:
+        ValueError: No component keeps a positive definite covariance.
     """
     part = sample
     n = len(sample.rows)
@@ -79,10 +82,12 @@ def k_means(
     generator: np.random.Generator,
     iterations: int = 30,
 ) -> npt.NDArray[np.intp]:
-    """Return the labels of k-means from 0, shape (n,): a k-means++ start, then Lloyd's steps until they settle.
+    """Return the labels of k-means from 0, shape (n,), which lower Σ w |x − c|² over clusters with centres c.
+
+    A k-means++ start (Arthur and Vassilvitskii 2007), then Lloyd's steps until they settle.
 
     Args:
-        rows: Shape (n, d).
+        rows: Shape (n, d), of channels in the same unit or divided by their scales.
         weights: How often each counts (n,).
         k: Clusters.
         generator: Source of the start.

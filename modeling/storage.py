@@ -38,8 +38,8 @@ class Golden:
     """Inputs of a model and what it predicted for them when it was saved.
 
     Attributes:
-        inputs: Arguments of the prediction, numbers or fixed-width strings.
-        predictions: The arrays that it returned.
+        inputs: Arguments of the prediction, numbers or fixed-width strings, (n_rows, …) each.
+        predictions: The arrays that it returned, (n_rows, …) each.
     """
 
     inputs: tuple[npt.NDArray[Any], ...]
@@ -111,7 +111,8 @@ def load_model(
         The model and its card.
 
     Raises:
-        InputError: A file is missing or changed, the kind is unknown, or the model does not reproduce its predictions.
+        InputError: A file is missing or changed, another version wrote it, the kind is unknown, or a prediction p is
+            not reproduced: |p − golden| > `GOLDEN_TOLERANCE` · max |golden|.
     """
     card = load_card(folder)
     if card["kind"] not in kinds:

@@ -71,20 +71,20 @@ class Track:
 
     @property
     def inputs(self) -> FloatArray:
-        """[Δθ, v] of every point (n_points, 2), deg per `STEP` and m/s: what lookahead models are given (PP II-B)."""
+        """[Δθ, v] of every point (n_points, 2), Δθ = κ v `STEP`, deg per `STEP` and m/s: PP's inputs (II-B)."""
         return np.column_stack([np.degrees(self.curvature * self.speed * STEP), self.speed])
 
     @property
     def distance(self) -> FloatArray:
-        """Arc length of every point (n_points,), m."""
+        """Arc length of every point (n_points,), m: s_i = i · `SPACING`."""
         return SPACING * np.arange(len(self.x), dtype=np.float64)
 
 
 def lay_track(pieces: Sequence[tuple[float, float]] = PIECES) -> Track:
     """Return a track of straights and arcs with `TRANSITION` in between.
 
-    Its speed is the greatest up to `FASTEST` that keeps to `LATERAL_ACCELERATION` and `ACCELERATION`, and `SLOWEST` at
-    least.
+    Its speed is the greatest up to `FASTEST` that keeps to v² |κ| ≤ `LATERAL_ACCELERATION` and |d(v²)/ds| ≤ 2 ·
+    `ACCELERATION`, and `SLOWEST` at least. Between points κ is constant: a chord is 2 sin(κ ds / 2) / κ long.
 
     Args:
         pieces: Length (m) and signed radius (m, positive to the left, 0: straight) of each.
@@ -115,7 +115,8 @@ def lay_track(pieces: Sequence[tuple[float, float]] = PIECES) -> Track:
 def recorded_tracks(table: pa.Table, period: int, reference: Reference | None = None) -> list[Track]:
     """Return the stretches of a recording as tracks: uninterrupted, faster than `MOVING`, and of `SHORTEST` at least.
 
-    A track is the reference path that the driver followed where there is one, else the path that was driven.
+    A track is the reference path that the driver followed where there is one, else the path that was driven, of
+    curvature κ = Δθ / (v Δt), averaged over `CURVATURE_BASE`.
 
     Args:
         table: Columns of `DATASET`, one recording.

@@ -52,7 +52,7 @@ def plan_tracking(
         offset: m to the left of where the driver began, where the car begins.
 
     Raises:
-        InputError: Nothing was trained yet, a driver has no models, or there is no such recording.
+        InputError: Nothing was trained yet, a driver has no models, or there is no such recording or none at all.
     """
     there = _what_there_is(project)
     if not there.trained:
@@ -149,14 +149,14 @@ def drive_laws(
         config: The project file.
 
     Raises:
-        InputError: No models were trained, the car was not calibrated, or the recording has no stretch to drive.
+        InputError: No models were trained, the car was not calibrated, the dataset or the reference cannot be read, or
+            the recording has no stretch to drive.
     """
     of = Project(project)
     series = read_series(project, driver, config)
     mixtures, bicycle = load_mixtures(of, driver), Bicycle.of_project(of)
-    inputs = np.column_stack([series.course_deviation, series.speed])
-    known = np.isfinite(inputs).all(axis=1) & np.isfinite(series.lookahead)
-    simple = fit_simple_laws(inputs[known], series.lookahead[known])
+    known = series.has_lookahead
+    simple = fit_simple_laws(series.path_points[known], series.lookahead[known])
     laws: dict[str, LookaheadLaw] = {"general": mixtures[0], "velocity": mixtures[1], **simple}
     limits = DriverLimits.fit(series, config.sync.period / 1e9)
     tracks = [lay_track()] if recording is None else recorded_stretches(of, recording)
@@ -214,7 +214,11 @@ def recorded_stretches(project: Project, recording: Recording) -> list[Track]:
 
 
 def current_cells(project: Project) -> dict[str, Mapping[str, Any]]:
-    """Return the content of the cells that are made from the models and data as they are now, by name."""
+    """Return the content of the cells that are made from the models and data as they are now, by name.
+
+    Raises:
+        InputError: There is no recording at all, or the manifest cannot be read.
+    """
     manifest, found = Manifest(project.directory), {}
     entries = sorted(manifest.content.get(SECTION, {}).items())
     if not entries:
@@ -233,6 +237,13 @@ def current_cells(project: Project) -> dict[str, Mapping[str, Any]]:
 
 def gather_tracks(project: Project, tasks: Sequence[Task]) -> list[tuple[str, tuple[str, ...], list[tuple[Any, ...]]]]:
     """Gather the current cells into `results/track.csv`, and return what to print of those that were asked for.
+
+    Args:
+        project: The project.
+        tasks: As `plan_tracking` planned them.
+
+    Returns:
+        Title, heads and rows: m, deg/s and deg.
 
     Raises:
         InputError: There is no recording at all.
@@ -256,7 +267,13 @@ def gather_tracks(project: Project, tasks: Sequence[Task]) -> list[tuple[str, tu
 
 
 def pool(rows: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
-    """Return the measures of several paths together: means by time, rms of rms, and the largest distance."""
+    """Return the measures of several paths together, in the units of `driving.measure`.
+
+    Over times T_i they are means Σ T_i m_i / Σ T_i, of rms √(Σ T_i m_i² / Σ T_i), and the largest distance.
+
+    Args:
+        rows: Those of `drive_laws`; None where a measure is not known.
+    """
 
     def mean(name: str, power: int) -> float | None:
         known = [row for row in rows if row[name] is not None]

@@ -38,7 +38,7 @@ def plan_training(project: Project) -> tuple[list[Task], list[InputError]]:
         The tasks, and the drivers with too little data.
 
     Raises:
-        InputError: No dataset was built yet.
+        InputError: See `drivers.modelled_drivers`.
     """
     config = project.config
     drivers, problems = modelled_drivers(project)
@@ -65,7 +65,7 @@ def plan_training(project: Project) -> tuple[list[Task], list[InputError]]:
 
 
 def train_motion_primitives(project: Path, driver: str, files: Mapping[str, str], config: Config) -> Outcome:
-    """Fit and save a driver's motion primitives, the types of path within them.
+    """Fit and save a driver's motion primitives, the types of path within them; see `cells.fit_mixture`.
 
     Args:
         project: Project folder.
@@ -74,7 +74,7 @@ def train_motion_primitives(project: Path, driver: str, files: Mapping[str, str]
         config: The project file.
 
     Raises:
-        InputError: There are too few windows.
+        InputError: There are too few windows, or the dataset cannot be read.
     """
     settings = config.models.motion_primitives
     series = read_series(project, driver, config)
@@ -133,14 +133,20 @@ def _which(config: Config) -> str:
 
 
 def train_general_lookahead(project: Path, driver: str, files: Mapping[str, str], config: Config) -> Outcome:
-    """Fit and save the general regression of a driver's lookahead distance; arguments as for motion primitives."""
+    """Fit and save the general regression of a driver's lookahead distance (PP eq. 13).
+
+    Arguments and errors are as for `train_motion_primitives`, samples instead of windows.
+    """
     settings = config.models.lookahead
     model = GeneralLookahead(settings.components[-1], settings.starts, config.models.seed)
     return _train_lookahead(project, "lookahead_general", model, driver, files, config, {})
 
 
 def train_velocity_lookahead(project: Path, driver: str, files: Mapping[str, str], config: Config) -> Outcome:
-    """Fit and save the velocity-based regression of a driver's lookahead distance; arguments as for the others."""
+    """Fit and save the velocity-based regression of a driver's lookahead distance (PP eqs. 18 to 21).
+
+    Arguments and errors are as for `train_motion_primitives`, samples instead of windows.
+    """
     settings = config.models.lookahead
     regressors = settings.regressors[-1]
     model = VelocityLookahead(settings.components[-1], regressors, settings.starts, config.models.seed)
@@ -157,9 +163,8 @@ def _train_lookahead(
     parameters: Mapping[str, Any],
 ) -> Outcome:
     series = read_series(project, driver, config)
-    inputs = np.column_stack([series.course_deviation, series.speed])
-    known = np.isfinite(inputs).all(axis=1) & np.isfinite(series.lookahead)
-    inputs, lookahead = inputs[known], series.lookahead[known]
+    known = series.has_lookahead
+    inputs, lookahead = series.path_points[known], series.lookahead[known]
     if len(inputs) < FEWEST_SAMPLES:
         raise _too_few(project, driver, f"{len(inputs)} samples with a lookahead distance", FEWEST_SAMPLES)
     with one_thread():

@@ -38,14 +38,20 @@ _SSYRK, _DSYRK = _external("ssyrk", 10), _external("dsyrk", 10)
 
 @njit(cache=True, nogil=True)
 def multiply_triangular(lower: Floats, columns: Floats) -> None:
-    """Replace columns (d, n) by the product of a lower triangular matrix (d, d) with them."""
+    """Replace columns C (d, n) by L C, the product of a lower triangular matrix L (d, d) with them (BLAS: trmm).
+
+    Numbers of any units, both arrays of the same type, which is not asked.
+    """
     sizes = np.array([columns.shape[1], columns.shape[0]], dtype=np.int32)
     _trmm(sizes, np.ones(1, dtype=columns.dtype), lower, columns)
 
 
 @njit(cache=True, nogil=True)
 def square(columns: Floats, product: Floats) -> None:
-    """Write the lower triangle of the product of columns (d, n) with their transpose into `product` (d, d)."""
+    """Write the lower triangle of C Cᵀ of columns C (d, n) into `product` (d, d) (BLAS: syrk).
+
+    Numbers of any units, both arrays of the same type, which is not asked.
+    """
     sizes = np.array([columns.shape[1], columns.shape[0]], dtype=np.int32)
     _syrk(sizes, np.array([1, 0], dtype=columns.dtype), columns, product)
 

@@ -37,11 +37,13 @@ TILE = 16
 class Bound(NamedTuple):
     """What bounds log densities by m leading columns; with none of them, every component is computed.
 
+    log p_k g_k(x) ≤ log p_k g_k(μ_k) − ½ |W (x − μ)|² of the leading columns alone. In the units of the data.
+
     Attributes:
         columns: The leading columns (m,).
         centre: Taken from them (m,).
-        inverses: W of each component's leading columns, one below the other (k m, m).
-        offsets: W (μ − centre) of the same (k m,).
+        inverses: W of each component's leading columns, one below the other (k·m, m).
+        offsets: W (μ − centre) of the same, one after another (k·m,).
         constants: Log density of the leading columns at the component's mean, log weight included (k,).
     """
 
@@ -56,13 +58,13 @@ class Buffers(NamedTuple):
     """Where a block of n rows is worked on. What is computed of a component is a piece: some rows, whitened.
 
     Attributes:
-        joint: log p_k g_k(x) (k, n), −inf where a component was dismissed.
-        bounds: Nothing in `joint` lies above these (k, n).
+        joint: log p_k g_k(x), nats (k, n), −inf where a component was dismissed.
+        bounds: Nothing in `joint` lies above these, nats (k, n).
         guess: Most likely component by the leading columns (n,).
-        components: Component of each piece (2 k,).
-        begins: Where the rows of each piece begin in the next, and of the last one end (2 k + 1,).
-        rows: Rows of all pieces (k n,).
-        whitened: W(x − μ) of all pieces, each (d, rows of the piece), one after another (k d n,).
+        components: Component of each piece (2·k,).
+        begins: Where the rows of each piece begin in the next, and of the last one end (2·k+1,).
+        rows: Rows of all pieces (k·n+1,).
+        whitened: W(x − μ), without a unit, of all pieces, each (d, rows of the piece), one after another (k·d·n,).
     """
 
     joint: FloatArray
@@ -89,21 +91,24 @@ def wide_pass(
     first: FloatArray,
     second: FloatArray,
 ) -> float:
-    """Add what the M step needs to the sums and return the log-likelihood, see `expectation_maximisation.Statistics`.
+    """Add what the M step needs to the sums and return the log-likelihood, nats: Σ w log Σ_k p_k g_k(x).
+
+    With j_k = log p_k g_k(x) = constant − ½ |y|² the responsibility is r = w exp(j_k) / Σ exp(j_k) (MP eq. 7); see
+    `expectation_maximisation.Statistics` for the sums.
 
     Args:
-        rows: Shape (n, d).
+        rows: Shape (n, d), in any units.
         sample_weights: Shape (n,), or (0,) for weights of 1.
-        means: Shape (k, d).
-        inverses: W (k, d, d); their type is that of the products.
-        constants: Log density of each component at its mean, log weight included (k,).
+        means: Shape (k, d), in the same units.
+        inverses: W, lower triangular (k, d, d), in inverse units; their type is that of the products. y = W(x − μ).
+        constants: Log density of each component at its mean, log weight included, nats (k,).
         bound: See there.
-        negligible: Responsibilities below this are left out.
+        negligible: Responsibilities below this are left out, a share.
         candidates: Bit c says whether component c is in question for a row (n,), or (0,) to remember nothing.
         search: Whether `candidates` is written, from all components, or read.
-        counts: Sum of responsibilities (k,).
-        first: Sum of r y (k, d).
-        second: Sum of r y yᵀ, the lower triangle (k, d, d).
+        counts: Sum of responsibilities (k,), added to, as the following ones.
+        first: Sum of responsibility times y (k, d).
+        second: Sum of responsibility times y yᵀ, the lower triangle (k, d, d).
     """
     n, d = rows.shape
     k = len(means)
@@ -151,7 +156,7 @@ def wide_log_joint(
 ) -> None:
     """Write log p_k g_k(x) into `joint` (n, k), −inf where it is certain to lie more than `cutoff` nats below the top.
 
-    The other arguments are those of `wide_pass`.
+    The other arguments and the formula are those of `wide_pass`.
     """
     n, d = rows.shape
     size = min(n, BLOCK)
@@ -165,7 +170,7 @@ def wide_log_joint(
 
 @njit(cache=True, nogil=True)
 def buffers_of(k: int, d: int, n: int, inverses: Floats) -> Buffers:
-    """Return buffers for blocks of n rows, `whitened` of the type of `inverses` (k, d, d)."""
+    """Return buffers for blocks of n rows, `whitened` of the type of `inverses` (k, d, d), whatever their units."""
     return Buffers(
         np.empty((k, n)),
         np.empty((k, n)),
@@ -188,10 +193,10 @@ def evaluate(
     candidates: Candidates,
     buffers: Buffers,
 ) -> int:
-    """Fill the buffers for a block of rows and return the number of pieces.
+    """Fill the buffers for a block of rows and return the number of pieces; see `wide_pass` for the formula.
 
     Args:
-        rows: Shape (n, d).
+        rows: Shape (n, d), in any units.
         means: As in `wide_pass`, and so `inverses`, `constants` and `bound`.
         inverses: See above.
         constants: See above.
@@ -284,7 +289,7 @@ def _log_densities(y: Floats, own: Indices, constant: float, joint: FloatArray) 
 
 @njit(cache=True, nogil=True)
 def log_sums(joint: FloatArray, n: int, totals: FloatArray) -> None:
-    """Write the log of the sum of exponentials of each column of `joint` (k, …) into `totals`."""
+    """Write log Σ_k exp j_k of each of the first n columns j of `joint` (k, ≥ n) into `totals` (≥ n,), both in nats."""
     for row in range(n):
         top = joint[0, row]
         for c in range(1, len(joint)):

@@ -11,7 +11,10 @@ from .estimator import FloatArray
 
 @njit(cache=True, nogil=True)
 def cut(values: FloatArray, begins: npt.NDArray[np.int64], column: int, length: int, rows: FloatArray) -> None:
-    """Write `values` from each of `begins` (n,) on into `length` columns of rows (n, d), from `column` on."""
+    """Write `values` (n_values,) from each of `begins` (n,) on into `length` columns of rows (n, d), from `column` on.
+
+    Units stay. Nothing is checked: `values` must reach `length` further than each begin.
+    """
     for row in range(len(begins)):
         source, target = values[begins[row] : begins[row] + length], rows[row, column : column + length]
         for i in range(length):

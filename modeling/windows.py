@@ -29,15 +29,15 @@ Rows = NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """A driver's dataset as arrays over its rows, recordings one after another, each in the order of time.
+    """A driver's dataset as arrays (n_rows,), recordings one after another, each in the order of time.
 
     Attributes:
-        recording: Name of the recording (n_rows,).
+        recording: Name of the recording.
         time: ns UTC.
         stretch: Number of the uninterrupted stretch of rows, one period apart; never falls.
-        course_deviation: deg per sample; NaN in the first row of a stretch.
+        course_deviation: deg per sample, positive to the left; NaN in the first row of a stretch.
         speed: m/s.
-        steering_wheel_angle: deg.
+        steering_wheel_angle: deg, positive to the left, without the sensor's offset.
         lookahead: m; NaN where undefined.
         segment: Number of the path segment among all of the driver's, rising by one from 0.
         fold: Cross-validation group.
@@ -60,6 +60,9 @@ class Series:
         Args:
             table: Columns `recording` and those of `DATASET`, as `Project.dataset(driver)` returns them.
             period: ns between two rows of a run.
+
+        Raises:
+            KeyError: A column is missing.
         """
         time: NDArray[np.int64] = table["time"].cast(pa.int64()).to_numpy()
         recording = table["recording"].to_numpy().astype(str)
@@ -83,6 +86,16 @@ class Series:
         """Rows with everything a motion primitive needs (n_rows,)."""
         return np.isfinite(self.course_deviation) & np.isfinite(self.speed) & np.isfinite(self.steering_wheel_angle)
 
+    @property
+    def path_points(self) -> Floats:
+        """O = [Δθ, v] (n_rows, 2), deg per sample and m/s: what lookahead models are given (PP section II-B)."""
+        return np.column_stack([self.course_deviation, self.speed])
+
+    @property
+    def has_lookahead(self) -> Mask:
+        """Rows with everything that a lookahead model needs (n_rows,)."""
+        return np.isfinite(self.course_deviation) & np.isfinite(self.speed) & np.isfinite(self.lookahead)
+
 
 @dataclass(frozen=True, slots=True)
 class Windows:
@@ -90,7 +103,7 @@ class Windows:
 
     Attributes:
         centres: Row t of each window (n_windows,).
-        inputs: Shape (n_windows, 2 (max(n₂, 0) + 1 + n₃) + n₂ + 1), laid out as the module says.
+        inputs: Shape (n_windows, 2 (max(n₂, 0) + 1 + n₃) + n₂ + 1), laid out as the module says, in its units.
         outputs: Shape (n_windows, n₃), deg.
         current: Steering wheel angle at t (n_windows,), deg; for n₂ = −1 it is not among the inputs.
     """
@@ -133,7 +146,7 @@ def spread_out(centres: Rows, most: int) -> Rows:
 
 
 def cut_windows(series: Series, centres: Rows, past_steps: int, future_steps: int) -> Windows:
-    """Cut the windows around the given rows.
+    """Cut the windows around the given rows (MP eqs. 11 to 14).
 
     Args:
         series: The driver's data.
@@ -141,6 +154,9 @@ def cut_windows(series: Series, centres: Rows, past_steps: int, future_steps: in
             future steps.
         past_steps: n₂ of MP, at least −1.
         future_steps: n₃ of MP.
+
+    Returns:
+        Shapes and units are those of `Windows` and the module.
     """
     path = centres[:, None] + np.arange(-max(past_steps, 0), future_steps + 1)
     seen = centres[:, None] + np.arange(-past_steps, 1)
@@ -174,7 +190,7 @@ class WindowRows(RowSource):
         self._future = future_steps
 
     def __getitem__(self, index: slice | Rows) -> Floats:
-        """Return the windows around some of the centres, (n, n_inputs + n_outputs)."""
+        """Return the windows around some of the centres, (n, n_inputs + n_outputs), in the units of the module."""
         from .window_rows import cut
 
         centres = self._centres[index]

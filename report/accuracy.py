@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..schemas.errors import InputError
-from .figures import GREY, LINES, SHAPES, figure_of
+from .look import GREY, LINES, SHAPES, figure_of
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go

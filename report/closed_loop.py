@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ..modeling.tracking import TEST_TRACK, current_cells, pool
 from ..schemas.project import Project
 from .blocks import Block, Cell, Column, Figure, Gallery, Note, Table
-from .figures import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, line_of, style
+from .look import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, line_of, style
 from .tables import number, text
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..dataset.events import Event
 from ..schemas.times import iso_utc
-from . import figures
+from . import drive_figures
 from .blocks import Figure
 
 Values = NDArray[np.float64]
@@ -119,17 +119,17 @@ def alignment(key: str, table: pa.Table, clock: Mapping[str, Any], period: float
     stretch = f"{key}: {duration:.0f} s from {readable(int(time[begin]))}"
     estimate = estimate_in_words(clock)
     if not clock["applied"]:
-        figure = figures.alignment(*shown, car[rows], None, 0.0)
+        figure = drive_figures.alignment(*shown, car[rows], None, 0.0)
         return Figure(f"{stretch}; CAN as stamped, not aligned. {estimate}", figure)
     shift = clock["offset_s"] + 1e-6 * (clock.get("drift_ppm") or 0.0) * begin * period
     present = np.isfinite(car)
     before = np.interp(seconds[rows] - shift, seconds[present], car[present], left=math.nan, right=math.nan)
     if np.isfinite(before).any():
-        figure = figures.alignment(*shown, before, car[rows], shift)
+        figure = drive_figures.alignment(*shown, before, car[rows], shift)
         spread = [3.6 * float(np.nanstd(values - navigation[rows])) for values in (before, car[rows])]
         agreement = f"the difference varies by {spread[0]:.2f} km/h before and {spread[1]:.2f} km/h after"
         return Figure(f"{stretch}, before and after alignment; {agreement} (sd). {estimate}", figure)
-    figure = figures.alignment(*shown, None, car[rows], shift)
+    figure = drive_figures.alignment(*shown, None, car[rows], shift)
     apart = f"by its own stamps the CAN log was {shift:+,.1f} s away from here".replace("-", "−")
     return Figure(f"{stretch}, aligned; {apart}. {estimate}", figure)
 
@@ -177,7 +177,7 @@ def track(key: str, table: pa.Table, dataset: pa.Table | None, events: Sequence[
         at = np.searchsorted(time, nanoseconds(dataset))
         label[np.minimum(at, len(time) - 1)] = column(dataset, "path_label")
     marks = {}
-    for decision in figures.DECISIONS:
+    for decision in drive_figures.DECISIONS:
         middles = [
             int(np.searchsorted(time, (event.start + event.stop) // 2))
             for event in events
@@ -186,10 +186,10 @@ def track(key: str, table: pa.Table, dataset: pa.Table | None, events: Sequence[
         middles = [middle for middle in middles if middle < len(time)]
         if middles:
             marks[decision] = (x[middles], y[middles])
-    few = figures.thin(len(time), at_most)
+    few = drive_figures.thin(len(time), at_most)
     broken = np.diff(run[few], prepend=run[0]) != 0  # NaN, outside a run, differs from everything
     thinned = np.where(broken, math.nan, x[few])
-    figure = figures.track(thinned, y[few], speed[few], None if label is None else label[few], marks)
+    figure = drive_figures.track(thinned, y[few], speed[few], None if label is None else label[few], marks)
     whose = "" if label is None else "; labels are the driver's own clusters"
     every = "" if few.step == 1 else f", one row in {few.step}"
     return Figure(f"{key}: path on equal axes from the recording's origin{every}{whose}.", figure)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .figures import BLACK, BLUE, GREY, VERMILLION, line_of, style
+from .look import BLACK, BLUE, GREY, VERMILLION, line_of, style
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go

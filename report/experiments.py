@@ -12,7 +12,7 @@ from ..modeling.claims import CONFIDENCE, HOLDS, NEGLIGIBLE, OPEN, papers
 from ..schemas.errors import InputError
 from ..schemas.project import Project
 from ..schemas.tables import LOOKAHEAD_COLUMNS
-from . import experiment_figures, figures
+from . import experiment_figures, model_figures
 from .blocks import Block, Column, Figure, Gallery, Note, Table
 from .scores import read_scores
 from .tables import count, number, text
@@ -151,7 +151,7 @@ def _lookahead(place: Path, variant: str) -> list[Block]:
     scores = read_scores(place / "lookahead.csv", LOOKAHEAD_COLUMNS)
     shown = []
     for driver in dict.fromkeys(score.driver for score in scores):
-        figure = figures.errors_by_components([score for score in scores if score.driver == driver])
+        figure = model_figures.errors_by_components([score for score in scores if score.driver == driver])
         experiment_figures.add_printed(figure, papers()["figure_5"])
         caption = (
             f"{driver}: PP's Fig. 5 ({variant}), means of 20 fits, bars over the folds; stars are what PP's text says "

@@ -13,7 +13,7 @@ from ..schemas.errors import InputError
 from ..schemas.project import Project
 from ..schemas.tables import CROSS_DRIVER_COLUMNS, LEARNING_CURVE_COLUMNS
 from .blocks import Block, Column, Figure, Gallery, Note, Table
-from .figures import error_over_minutes, matrix
+from .model_figures import error_over_minutes, matrix
 from .tables import count, number, text
 
 UNITS = {"steering": "°", "lookahead": "m"}

@@ -11,7 +11,7 @@ from ..modeling.drivers import one_thread
 from ..modeling.predict import load_steering_model, predict_steering
 from ..schemas.project import Project
 from ..schemas.store import read_table
-from . import figures
+from . import model_figures
 from .blocks import Figure
 from .drives import column, nanoseconds, readable
 
@@ -50,7 +50,7 @@ def predicted_stretch(project: Project, driver: str, recordings: Sequence[str]) 
         same_run = run == run[np.searchsorted(time, first)]
         around = same_run & (time >= first - horizon // 5) & (time <= first + number * horizon)
         true = np.array([driven[np.searchsorted(time, made[row]) + 1 :][: model.future_steps] for row in shown])
-        figure = figures.prediction(
+        figure = model_figures.prediction(
             (time[around] - first) / 1e9,
             driven[around],
             (made[shown] - first) / 1e9,
@@ -62,7 +62,7 @@ def predicted_stretch(project: Project, driver: str, recordings: Sequence[str]) 
         caption = (
             f"{driver}/{recording} from {readable(first)}: {number} predictions of {horizon / 1e9:g} s, one after the "
             f"other, where the steering moves most. Mean error here {error.mean():.1f}°, "
-            f"{100 * np.mean(error <= figures.WITHIN_68 * sd):.0f} % within the 68 % band."
+            f"{100 * np.mean(error <= model_figures.WITHIN_68 * sd):.0f} % within the 68 % band."
         )
         return Figure(caption, figure)
     return None

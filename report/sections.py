@@ -16,7 +16,7 @@ from ..schemas.errors import InputError
 from ..schemas.project import Project
 from ..schemas.store import read_table
 from ..schemas.tables import LOOKAHEAD_COLUMNS, MOTION_PRIMITIVE_COLUMNS
-from . import accuracy, figures, tables
+from . import accuracy, drive_figures, model_figures, tables
 from .blocks import Block, Column, Facts, Figure, Gallery, Listing, Note, Section, Table
 from .closed_loop import closed_loop_blocks
 from .data_cards import driving_table, folds_table, road_table
@@ -185,7 +185,7 @@ class Content:
         if self.events:
             starts = {drive.key: drive.start for drive in self.drives}
             lanes = [
-                figures.Lane(
+                drive_figures.Lane(
                     drive.key,
                     drive.minutes,
                     [
@@ -203,7 +203,7 @@ class Content:
             ]
             caption = "When events happened. Proposed events and emergencies are left out of the dataset."
             if lanes:
-                blocks.append(Gallery([Figure(caption, figures.timeline(lanes))], wide=True))
+                blocks.append(Gallery([Figure(caption, drive_figures.timeline(lanes))], wide=True))
             blocks.append(_events_table(self.events, starts))
         elif self.project.events_file.exists():
             blocks.append(Note("events.csv holds no event."))
@@ -246,7 +246,7 @@ class Content:
                 f"{len(distance):,} rows. Its spread, the range of distances that explain the steering as well, has a "
                 f"median of {np.nanmedian(spread) if np.isfinite(spread).any() else math.nan:.1f} m."
             )
-            shown.append(Figure(caption, figures.lookahead(speed, distance, spread)))
+            shown.append(Figure(caption, drive_figures.lookahead(speed, distance, spread)))
         return [Gallery(shown) if shown else NOTHING_BUILT]
 
     def _clusters(self) -> list[Block]:
@@ -257,16 +257,16 @@ class Content:
         fits = {driver: entry["bic"] for driver, entry in dataset if entry.get("bic")}
         if fits:
             caption = "Bayesian information criterion of the cluster models; the smallest one is chosen."
-            blocks.append(Gallery([Figure(caption, figures.information_criterion(fits))]))
+            blocks.append(Gallery([Figure(caption, model_figures.information_criterion(fits))]))
         return blocks
 
     def _errors(self) -> list[Block]:
         blocks: list[Block] = []
         for name, columns, table, figure, caption in (
-            ("lookahead.csv", LOOKAHEAD_COLUMNS, tables.lookahead_table, figures.errors_by_components,
+            ("lookahead.csv", LOOKAHEAD_COLUMNS, tables.lookahead_table, model_figures.errors_by_components,
              "errors of the lookahead models over their number of components; bars: sd over the folds."),
             ("motion_primitives.csv", MOTION_PRIMITIVE_COLUMNS, tables.motion_primitives_table,
-             figures.errors_of_models, "errors of the motion primitives and baselines; bars: sd over the folds."),
+             model_figures.errors_of_models, "errors of the motion primitives and baselines; bars: sd over the folds."),
         ):  # fmt: skip
             path = self.project.results_folder / name
             scores = (self._guarded(read_scores, path, columns) if path.exists() else None) or []

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import resources
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from ...schemas import databases
 from ...schemas.config import DatabaseFile
 from ...schemas.errors import InputError
 from .database_limits import refuse_monsters
+from .layout_checks import complaints, tolerated
 from .matching import identity
 from .repair import Repair, decode_text, repair_dbc, tell_cut
 
@@ -24,8 +24,6 @@ SUFFIXES = (".dbc", ".kcd", ".sym", ".arxml")
 
 FRAME_COLUMNS = frozenset({"time", "channel", "source", "destination"})
 """Columns of a decoded message that are its frames' own."""
-
-_LARGEST = 1e300  # scale and offset
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,11 +272,11 @@ def _load(file: DatabaseFile, base: Path, problems: list[InputError], repairs: l
             channel=file.channel,
             j1939=bool(message.is_extended_frame) and _is_j1939(message, loaded.dbc, file.j1939),
         )
-        if wrong := _complaints(layout):
+        if wrong := complaints(layout):
             problems.append(InputError(path, f"message {layout.label}", f"{'; '.join(wrong)}. It is left out"))
         else:
             layouts.append(layout)
-            repairs += _tolerated(path, layout, lines)
+            repairs += tolerated(path, layout, lines)
     return layouts
 
 
@@ -367,88 +365,6 @@ def _signal_layout(signal: Any) -> SignalLayout:
         multiplexer=signal.multiplexer_signal if signal.multiplexer_ids is not None else None,
         multiplexer_values=tuple(sorted(signal.multiplexer_ids or ())),
     )
-
-
-def _complaints(message: MessageLayout) -> list[str]:
-    """Say what makes a message impossible to decode."""
-    by_name = {signal.name: signal for signal in message.signals}
-    bits = 29 if message.extended else 11
-    complaints = [] if 0 <= message.id < 1 << bits else [f"its identifier {message.id} is not one of {bits} bits"]
-    complaints += ["it has no name"] if not message.name else []
-    complaints += ["a signal has no name"] if not all(by_name) else []
-    complaints += [
-        f"{count} signals are called {name}; rename all but one"
-        for name, count in Counter(signal.column for signal in message.signals).items()
-        if count > 1
-    ]
-    for signal in message.signals:
-        if signal.start < 0 or signal.length < 1:
-            complaints.append(f"signal {signal.name} has {signal.length} bits from bit {signal.start}")
-        if signal.is_float and signal.length not in (16, 32, 64):
-            complaints.append(f"signal {signal.name} is a float of {signal.length} bits, where 16, 32 and 64 exist")
-        if not (abs(signal.scale) < _LARGEST and abs(signal.offset) < _LARGEST):
-            complaints.append(f"signal {signal.name} has a scale or offset beyond {_LARGEST:g}")
-        chain = [signal.name]
-        while (parent := by_name[chain[-1]].multiplexer) is not None and len(chain) == len(set(chain)):
-            if parent not in by_name:
-                complaints.append(f"signal {chain[-1]} is selected by {parent}, which is not there")
-                break
-            if by_name[parent].length > 64:
-                complaints.append(f"multiplexer {parent} has {by_name[parent].length} bits, more than 64")
-                break
-            chain.append(parent)
-        if len(chain) > len(set(chain)):
-            complaints.append(f"multiplexers select each other: {' by '.join(chain)}")
-    return complaints
-
-
-def _tolerated(path: Path, message: MessageLayout, lines: Mapping[int, int]) -> list[Repair]:
-    """List what other tools refuse and the decoder takes as it is."""
-    line = lines.get(message.id | message.extended << 31)
-    where = f"line {line}" if line else ""
-    by_name = {signal.name: signal for signal in message.signals}
-    found = [
-        (
-            f"signal {signal.name} of message {message.label} ends in byte {(stop + 7) // 8} of {message.length}",
-            "kept; it is null in frames that are too short for it",
-        )
-        for signal in message.signals
-        if (stop := signal.first_bit + signal.length) > 8 * message.length
-    ]
-    bits = {signal.name: _bits(signal) for signal in message.signals}
-    found += [
-        (f"signals {one.name} and {other.name} of message {message.label} overlap", "both are kept")
-        for one, other in combinations(message.signals, 2)
-        if bits[one.name] & bits[other.name] and not _exclude(one, other, by_name)
-    ]
-    return [Repair(str(path), where, what, done) for what, done in found]
-
-
-def _bits(signal: SignalLayout) -> int:
-    """Return a number whose ones are the signal's bits in the payload, bit 0 of byte 0 the least significant."""
-    stop, ones = signal.first_bit + signal.length, (1 << signal.length) - 1
-    if not signal.big_endian:
-        return ones << signal.first_bit
-    size = (stop + 7) // 8
-    return int.from_bytes((ones << 8 * size - stop).to_bytes(size, "big"), "little")
-
-
-def _exclude(one: SignalLayout, other: SignalLayout, by_name: Mapping[str, SignalLayout]) -> bool:
-    """Tell whether multiplexers never select both signals."""
-    selected = _selection(one, by_name)
-    return any(
-        selected.get(multiplexer, values).isdisjoint(values)
-        for multiplexer, values in _selection(other, by_name).items()
-    )
-
-
-def _selection(signal: SignalLayout, by_name: Mapping[str, SignalLayout]) -> dict[str, frozenset[int]]:
-    """Return the values of every multiplexer above a signal that select it."""
-    selection: dict[str, frozenset[int]] = {}
-    while signal.multiplexer is not None:
-        selection[signal.multiplexer] = frozenset(signal.multiplexer_values)
-        signal = by_name[signal.multiplexer]
-    return selection
 
 
 def _near(name: str, known: Iterable[str]) -> str:

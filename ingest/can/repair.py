@@ -1,50 +1,23 @@
 """Repair of DBC text that other tools accept and cantools refuses, and refusal of text that is cut off.
 
-A DBC is a sequence of statements, each a keyword and what belongs to it: `BO_` with its `SG_` end where the next
-statement begins, most others at a semicolon. Repairs never move a line, so places in later complaints hold.
+Repairs never move a line, so places in later complaints hold.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby, pairwise
 from pathlib import Path
 
 from ...schemas.errors import InputError
+from .dbc_statements import CLOSED, KEYWORDS, OPEN, UNKNOWN, Statement, statements_of, tokens_of
 
 _EXTENDED = 1 << 31  # the flag of 29-bit identifiers in a DBC
 _LARGEST_STANDARD, _LARGEST_EXTENDED = 0x7FF, 0x1FFF_FFFF
 _NO_NODE = "Vector__XXX"
 _UNASSIGNED = "VECTOR__INDEPENDENT_SIG_MSG"  # holds signals of no message, under an identifier of its own
-
-_OPEN = frozenset({"VERSION", "NS_", "BS_", "BU_", "BO_", "SG_"})
-"""Statements without a semicolon."""
-_CLOSED = frozenset(
-    "BA_ BA_DEF_ BA_DEF_DEF_ BA_DEF_DEF_REL_ BA_DEF_REL_ BA_REL_ BO_TX_BU_ CM_ ENVVAR_DATA_ EV_ SG_MUL_VAL_ SIG_GROUP_ "
-    "SIG_VALTYPE_ VAL_ VAL_TABLE_".split()
-)
-_UNKNOWN = frozenset(
-    "BA_DEF_SGTYPE_ BA_SGTYPE_ CAT_ CAT_DEF_ EV_DATA_ FILTER NS_DESC_ SGTYPE_ SGTYPE_VAL_ SIGTYPE_VALTYPE_ "
-    "SIG_TYPE_REF_".split()
-)
-"""Statements with a semicolon that cantools does not know and that say nothing about decoding."""
-_KEYWORDS = _OPEN | _CLOSED | _UNKNOWN
-_INSIDE = {
-    "CM_": {"SG_", "BO_", "EV_"}, "BA_": {"SG_", "BO_", "EV_"}, "BA_DEF_": {"SG_", "BO_", "EV_"}, "BA_REL_": {"SG_"},
-}  # fmt: skip
-"""Keywords that may stand within a statement."""
-
-_TOKEN = re.compile(
-    r"""(?P<space>\s+)
-    |(?P<comment>//[^\n]*|\#[^\n]*|/\*.*?\*/)
-    |(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)
-    |(?P<word>\w+)
-    |(?P<string>"(?:\\"|[^"])*?")
-    |(?P<rest>.)""",
-    re.DOTALL | re.VERBOSE | re.ASCII,
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,48 +119,6 @@ def repair_dbc(path: Path, text: str) -> tuple[str, list[Repair]]:
     return editing.result()
 
 
-@dataclass(frozen=True, slots=True)
-class _Token:
-    kind: str
-    text: str
-    start: int
-
-    @property
-    def stop(self) -> int:
-        return self.start + len(self.text)
-
-
-@dataclass(frozen=True, slots=True)
-class _Statement:
-    tokens: tuple[_Token, ...]
-
-    @property
-    def keyword(self) -> str:
-        return self.tokens[0].text
-
-    @property
-    def start(self) -> int:
-        return self.tokens[0].start
-
-    @property
-    def stop(self) -> int:
-        return self.tokens[-1].stop
-
-    @property
-    def closed(self) -> bool:
-        return self.tokens[-1].text == ";"
-
-    def text(self, place: int) -> str:
-        """Return a token's text, empty beyond the end."""
-        return self.tokens[place].text if place < len(self.tokens) else ""
-
-    def is_like(self, *kinds: str) -> bool:
-        """Tell whether the tokens after the keyword begin so: a kind, or a sign such as `:`."""
-        return len(self.tokens) > len(kinds) and all(
-            kind in (token.kind, token.text) for kind, token in zip(kinds, self.tokens[1:], strict=False)
-        )
-
-
 @dataclass(slots=True)
 class _Editing:
     """A text and the changes to it."""
@@ -208,7 +139,7 @@ class _Editing:
         line = self.line(place)
         self.repairs.append((line, Repair(str(self.path), f"line {line}", found, done)))
 
-    def drop(self, statement: _Statement, found: str) -> None:
+    def drop(self, statement: Statement, found: str) -> None:
         self.replace(statement.start, statement.stop, " ")
         self.report(statement.start, found, "left out")
 
@@ -222,42 +153,19 @@ class _Editing:
         return "".join([*parts, self.text[place:]]), [repair for _, repair in self.repairs]
 
 
-def _statements(editing: _Editing) -> list[_Statement]:
+def _statements(editing: _Editing) -> list[Statement]:
     """Return the statements; comments are taken out of the text."""
     tokens = []
-    for match in _TOKEN.finditer(editing.text):
-        kind, found = str(match.lastgroup), match[0]
-        if kind == "comment":
-            editing.replace(match.start(), match.end(), " ")
-            editing.report(match.start(), f"a comment: {_shortened(found)}", "skipped")
-        elif kind == "rest" and found in "\0\x1a":
-            editing.replace(match.start(), match.end(), " ")
-            editing.report(match.start(), f"the control character 0x{ord(found):02X}", "skipped")
-        elif kind != "space":
-            tokens.append(_Token(kind, found, match.start()))
-    starts = [*_starts(tokens, editing.text), len(tokens)]
-    return [_Statement(tuple(tokens[start:stop])) for start, stop in pairwise(starts)]
-
-
-def _starts(tokens: Sequence[_Token], text: str) -> Iterator[int]:
-    """Yield the places of the tokens that begin a statement."""
-    keyword, first = "", 0
-    for place, token in enumerate(tokens):
-        begins = token.text in _KEYWORDS
-        if begins and keyword == "NS_":
-            # Its list of keywords ends at one that is followed by what belongs to it.
-            begins = place + 1 < len(tokens) and (
-                tokens[place + 1].text == ":" or tokens[place + 1].kind in ("number", "string")
-            )
-        elif begins and keyword in _CLOSED | _UNKNOWN and tokens[place - 1].text != ";":
-            # Within a statement, or its semicolon is missing: then this stands first in its line.
-            first_in_line = not text[text.rfind("\n", 0, token.start) + 1 : token.start].strip()
-            begins = first_in_line and not (token.text in _INSIDE.get(keyword, ()) and place - first <= 2)
-        elif not begins and keyword in _CLOSED | _UNKNOWN:
-            begins = tokens[place - 1].text == ";"
-        if begins or place == 0:
-            keyword, first = token.text, place
-            yield place
+    for token in tokens_of(editing.text):
+        if token.kind == "comment":
+            editing.replace(token.start, token.stop, " ")
+            editing.report(token.start, f"a comment: {_shortened(token.text)}", "skipped")
+        elif token.kind == "rest" and token.text in "\0\x1a":
+            editing.replace(token.start, token.stop, " ")
+            editing.report(token.start, f"the control character 0x{ord(token.text):02X}", "skipped")
+        else:
+            tokens.append(token)
+    return statements_of(tokens, editing.text)
 
 
 def _shortened(text: str, length: int = 40) -> str:
@@ -265,7 +173,7 @@ def _shortened(text: str, length: int = 40) -> str:
     return line if len(line) <= length else f"{line[:length]}…"
 
 
-def _refuse_cut(editing: _Editing, statements: Sequence[_Statement]) -> None:
+def _refuse_cut(editing: _Editing, statements: Sequence[Statement]) -> None:
     """Refuse a text that ends within its last statement."""
     for statement in statements:
         quote = next((token for token in statement.tokens if token.text == '"'), None)
@@ -278,17 +186,17 @@ def _refuse_cut(editing: _Editing, statements: Sequence[_Statement]) -> None:
     if not statements:
         return
     last, keyword = statements[-1], statements[-1].keyword
-    if keyword in _OPEN:
+    if keyword in OPEN:
         is_cut = _lacks_its_end(last)
         if not is_cut and keyword in ("BO_", "SG_") and not editing.text.endswith(("\n", ";")):
             # A name may be cut as well; one that stands elsewhere too is whole.
             name = last.tokens[-1]
             elsewhere = {token.text for statement in statements for token in statement.tokens if token is not name}
             is_cut = name.text not in elsewhere | {_NO_NODE}
-    elif keyword in _KEYWORDS:
+    elif keyword in KEYWORDS:
         is_cut = not last.closed
     else:
-        is_cut = len(last.tokens) == 1 and any(known.startswith(keyword) for known in _KEYWORDS)
+        is_cut = len(last.tokens) == 1 and any(known.startswith(keyword) for known in KEYWORDS)
     if is_cut:
         reason = (
             f"the file ends within the statement that begins here: "
@@ -297,7 +205,7 @@ def _refuse_cut(editing: _Editing, statements: Sequence[_Statement]) -> None:
         raise InputError(editing.path, f"line {editing.line(last.start)}", reason)
 
 
-def _lacks_its_end(statement: _Statement) -> bool:
+def _lacks_its_end(statement: Statement) -> bool:
     """Tell whether a statement without a semicolon is right as far as it goes, and goes not far enough."""
     kinds: dict[str, list[tuple[str, ...]]] = {
         "VERSION": [("string",)],
@@ -320,13 +228,13 @@ def _lacks_its_end(statement: _Statement) -> bool:
     )
 
 
-def _close_statements(editing: _Editing, statements: Sequence[_Statement]) -> None:
+def _close_statements(editing: _Editing, statements: Sequence[Statement]) -> None:
     """Put right how statements begin and end."""
     for statement in statements:
         keyword = statement.keyword
-        if keyword in _UNKNOWN:
+        if keyword in UNKNOWN:
             editing.drop(statement, f"a statement {keyword}, which does not matter for decoding")
-        elif keyword in _CLOSED and not statement.closed:
+        elif keyword in CLOSED and not statement.closed:
             editing.replace(statement.stop, statement.stop, ";")
             editing.report(statement.start, f"no semicolon after a statement {keyword}", "added")
         elif keyword == "BS_" and len(statement.tokens) > 2:
@@ -337,7 +245,7 @@ def _close_statements(editing: _Editing, statements: Sequence[_Statement]) -> No
             editing.report(statement.start, f"a semicolon after a statement {keyword}", "left out")
 
 
-def _repair_messages(editing: _Editing, statements: Sequence[_Statement]) -> dict[int, set[str]]:
+def _repair_messages(editing: _Editing, statements: Sequence[Statement]) -> dict[int, set[str]]:
     """Repair messages and signals.
 
     Returns:
@@ -345,7 +253,7 @@ def _repair_messages(editing: _Editing, statements: Sequence[_Statement]) -> dic
     """
     messages: dict[int, set[str]] = {}
     contents: set[tuple[str, ...]] = set()
-    blocks: list[list[_Statement]] = []
+    blocks: list[list[Statement]] = []
     for keyword, group in groupby(statements, lambda s: s.keyword):
         if keyword == "BO_":
             blocks += [[statement] for statement in group]
@@ -398,7 +306,7 @@ def _proper(identifier: int) -> int | None:
     return bare | _EXTENDED if bare <= _LARGEST_EXTENDED and identifier < 2 * _EXTENDED else None
 
 
-def _repair_receivers(editing: _Editing, signal: _Statement) -> None:
+def _repair_receivers(editing: _Editing, signal: Statement) -> None:
     """Write receivers with commas between them; there must be one."""
     end = next((place for place, token in enumerate(signal.tokens) if token.kind == "string"), None)
     if end is None:
@@ -415,7 +323,7 @@ def _repair_receivers(editing: _Editing, signal: _Statement) -> None:
         editing.report(signal.start, f"receivers of signal {signal.text(1)} without commas between them", "put there")
 
 
-def _repair_numbers(editing: _Editing, statement: _Statement) -> None:
+def _repair_numbers(editing: _Editing, statement: Statement) -> None:
     """Write numbers with digits on both sides of the point, and raw values as integers."""
     if statement.keyword in ("VAL_", "VAL_TABLE_"):
         _repair_values(editing, statement)
@@ -427,7 +335,7 @@ def _repair_numbers(editing: _Editing, statement: _Statement) -> None:
             editing.report(token.start, f"the number {token.text}", f"read as {new}")
 
 
-def _insert_table(editing: _Editing, statement: _Statement, tables: Mapping[str, str]) -> None:
+def _insert_table(editing: _Editing, statement: Statement, tables: Mapping[str, str]) -> None:
     """Write the values of a table where a signal's values are given by its name."""
     if statement.keyword == "VAL_" and statement.is_like("number", "word", "word"):
         name = statement.tokens[3]
@@ -444,7 +352,7 @@ _REFERENCES = {
 """Places of the message's identifier and the signal's name."""
 
 
-def _repair_references(editing: _Editing, statement: _Statement, messages: Mapping[int, set[str]]) -> None:
+def _repair_references(editing: _Editing, statement: Statement, messages: Mapping[int, set[str]]) -> None:
     """Give identifiers their flag, and leave out what is said about messages and signals that are not there."""
     keyword = statement.keyword
     place, signal = _REFERENCES.get(keyword, (0, None))
@@ -472,7 +380,7 @@ def _repair_references(editing: _Editing, statement: _Statement, messages: Mappi
         editing.replace(token.start, token.stop, str(proper))
 
 
-def _repair_values(editing: _Editing, statement: _Statement) -> None:
+def _repair_values(editing: _Editing, statement: Statement) -> None:
     for token, text in pairwise(statement.tokens[2:]):
         if token.kind != "number" or text.kind != "string" or re.fullmatch(r"[-+]?\d+", token.text):
             continue

@@ -23,14 +23,15 @@ in the sums, and neither the rest of its density nor its regression is computed.
 
 
 def c_header(plain: PlainRegression, name: str, title: Sequence[str], inputs: Sequence[str], outputs: str) -> str:
-    """Return a header with the functions of a regression.
+    """Return a header with the functions of a regression, the formulas of `PlainRegression`.
 
         double wheelprint_<name>_predict(const double *inputs, double *mean, double *variance);
         double wheelprint_<name>_domain_score(const double *inputs);
 
-    Both return the domain score. Everything is `static`: include the header in one source
-    file of a program. Matrices lie in blocks of `BLOCK` rows, column after column, the triangular ones only up to
-    their diagonal: a prediction reads them once, from the first to the last number.
+    Both return the domain score, nats; `inputs` and `mean` are in the units of the model, `variance` in their squares.
+    Everything is `static`: include the header in one source file of a program. Matrices lie in blocks of `BLOCK` rows,
+    column after column, the triangular ones only up to their diagonal: a prediction reads them once, from the first to
+    the last number.
 
     Args:
         plain: The regression.
@@ -39,33 +40,8 @@ def c_header(plain: PlainRegression, name: str, title: Sequence[str], inputs: Se
         inputs: What each input is, with its unit.
         outputs: What the outputs are, with their unit.
     """
-    k, n, m = plain.components, plain.inputs, plain.outputs
-    rows_in, rows_out = -(-n // BLOCK) * BLOCK, -(-m // BLOCK) * BLOCK
-    triangle = np.array([_blocks(matrix, triangular=True) for matrix in plain.whitening])
-    matrices = np.array([_blocks(matrix, triangular=False) for matrix in plain.matrices[:, :, plain.order]])
-    arrays = {
-        "order": plain.order,
-        "origin": plain.origin[plain.order],
-        "constants": plain.constants,
-        "shifts": _padded(plain.shifts, rows_in),
-        "whitening": triangle,
-        "offsets": _padded(plain.offsets, rows_out),
-        "matrices": matrices,
-        "variances": np.diagonal(plain.covariances, axis1=1, axis2=2),
-    }
-    if plain.faithful:
-        arrays["log_weights"] = plain.log_weights
-    classes = ""
-    if plain.classes is not None:
-        arrays["class_polynomials"] = plain.classes.polynomials
-        arrays["component_classes"] = plain.classes.of_component
-        classes = CLASS_OF
-    coordinates = plain.coordinates
-    if coordinates is not None:
-        arrays["channel_means"] = coordinates.mean
-        arrays["basis"] = _blocks(coordinates.basis.T, triangular=False)
-    if calibrated := bool((plain.variance_factors != 1.0).any()):
-        arrays["variance_factors"] = plain.variance_factors
+    arrays, coordinates = _arrays(plain), plain.coordinates
+    classes = "" if plain.classes is None else CLASS_OF
     facts = [*title, "", *(f"inputs[{place}]  {line}" for place, line in enumerate(inputs)), "", outputs]
     text = TEMPLATE
     for key, value in {
@@ -76,7 +52,7 @@ def c_header(plain: PlainRegression, name: str, title: Sequence[str], inputs: Se
         "MADE": "" if coordinates is None else MADE_INPUTS,
         "X": "inputs" if coordinates is None else "x",
         "ANGLE": ANGLE if coordinates is not None and coordinates.seen else "",
-        "CALIBRATION": CALIBRATION if calibrated else "",
+        "CALIBRATION": CALIBRATION if "variance_factors" in arrays else "",
         "CLASS_AT_HAND": "    const int own_class = wheelprint_@NAME@_class(x);\n" if classes else "",
         "OTHER_CLASS": OTHER_CLASS if classes else "",
         "BETA": FAITHFUL_BETA if plain.faithful else "",
@@ -90,19 +66,19 @@ def c_header(plain: PlainRegression, name: str, title: Sequence[str], inputs: Se
         "PER_KM": "" if coordinates is None else repr(1e3 * math.radians(1.0) / coordinates.step),
         "SLOWEST": repr(SLOWEST),
         "CLASSES": str(0 if plain.classes is None else len(plain.classes.polynomials)),
-        "TRIANGLE": str(triangle.shape[1]),
-        "MATRIX": str(matrices.shape[1]),
+        "TRIANGLE": str(arrays["whitening"].shape[1]),
+        "MATRIX": str(arrays["matrices"].shape[1]),
         # Without its weight a component may count for more.
         "NEGLIGIBLE": repr(NEGLIGIBLE + (float(np.ptp(plain.log_weights)) if plain.faithful else 0.0)),
         "BLOCK": str(BLOCK),
-        "ROWS_IN": str(rows_in),
-        "ROWS_OUT": str(rows_out),
+        "ROWS_IN": str(_whole_blocks(plain.inputs)),
+        "ROWS_OUT": str(_whole_blocks(plain.outputs)),
         "GUARD": f"WHEELPRINT_{name}_H",
         "NAME": name,
         "GIVEN": str(plain.given),
-        "N": str(n),
-        "M": str(m),
-        "K": str(k),
+        "N": str(plain.inputs),
+        "M": str(plain.outputs),
+        "K": str(plain.components),
     }.items():
         text = text.replace(f"@{key}@", value)
     return text
@@ -116,9 +92,38 @@ def c_identifier(name: str) -> str:
     return "".join(letter if letter.isascii() and letter.isalnum() else f"_u{ord(letter):x}_" for letter in name)
 
 
+def _arrays(plain: PlainRegression) -> dict[str, npt.NDArray[np.floating | np.integer]]:
+    """Return the constants of a header by name."""
+    arrays: dict[str, npt.NDArray[np.floating | np.integer]] = {
+        "order": plain.order,
+        "origin": plain.origin[plain.order],
+        "constants": plain.constants,
+        "shifts": _padded(plain.shifts, _whole_blocks(plain.inputs)),
+        "whitening": np.array([_blocks(matrix, triangular=True) for matrix in plain.whitening]),
+        "offsets": _padded(plain.offsets, _whole_blocks(plain.outputs)),
+        "matrices": np.array([_blocks(matrix, triangular=False) for matrix in plain.matrices[:, :, plain.order]]),
+        "variances": np.diagonal(plain.covariances, axis1=1, axis2=2),
+    }
+    if plain.faithful:
+        arrays["log_weights"] = plain.log_weights
+    if plain.classes is not None:
+        arrays["class_polynomials"] = plain.classes.polynomials
+        arrays["component_classes"] = plain.classes.of_component
+    if plain.coordinates is not None:
+        arrays["channel_means"] = plain.coordinates.mean
+        arrays["basis"] = _blocks(plain.coordinates.basis.T, triangular=False)
+    if (plain.variance_factors != 1.0).any():
+        arrays["variance_factors"] = plain.variance_factors
+    return arrays
+
+
+def _whole_blocks(rows: int) -> int:
+    return -(-rows // BLOCK) * BLOCK
+
+
 def _blocks(matrix: FloatArray, *, triangular: bool) -> FloatArray:
     """Return a matrix (rows, columns) in blocks of rows, each column by column, up to the diagonal where triangular."""
-    padded = np.zeros((-(-len(matrix) // BLOCK) * BLOCK, matrix.shape[1]))
+    padded = np.zeros((_whole_blocks(len(matrix)), matrix.shape[1]))
     padded[: len(matrix)] = matrix
     parts = [
         padded[start : start + BLOCK, : min(start + BLOCK, matrix.shape[1]) if triangular else None].T.ravel()

@@ -42,9 +42,9 @@ class ExportedRegression:
     Attributes:
         name: Of a motion primitive (`1-3-2`, `3`, `all`); empty for a model of one regression.
         plain: Its arrays.
-        inputs: Golden inputs (n_rows, n_inputs).
-        mean: (n_rows, n_outputs).
-        sd: (n_rows, n_outputs).
+        inputs: Golden inputs (n_rows, n_inputs), in the units of `input_channels`.
+        mean: (n_rows, n_outputs), deg of steering, m of lookahead.
+        sd: (n_rows, n_outputs), deg or m.
         domain_score: (n_rows,), nats.
     """
 
@@ -109,7 +109,10 @@ def exported_regressions(model: Any, inputs: FloatArray) -> list[ExportedRegress
 
     Args:
         model: Motion primitives, a model of the lookahead distance, or a personal model.
-        inputs: Golden inputs (n_rows, n_inputs).
+        inputs: Golden inputs (n_rows, n_inputs), in the units of `input_channels`.
+
+    Raises:
+        ValueError: The inputs have another number of columns than the model or missing values.
     """
     if isinstance(model, SteeringModel):
         return [_motion_primitive(name, model.primitives, inputs) for name in sorted(model.primitives.regressions)]

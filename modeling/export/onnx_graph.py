@@ -24,9 +24,10 @@ def onnx_model(
 ) -> Any:
     """Return the graph of a regression, checked.
 
-    Its input is `inputs` (rows, n); its outputs are `mean` and `sd` (rows, m), `domain_score` (rows,) and, where it is
-    asked for, `covariance` (rows, m, m), of the formulas of `PlainRegression`. All components' whitening and regression
-    matrices stand in one matrix: a row is predicted by one product with it, and what is left is small.
+    Its input is `inputs` (rows, n); its outputs are `mean` and `sd` (rows, m), `domain_score` (rows,) in nats and,
+    where it is asked for, `covariance` (rows, m, m), by the formulas of `PlainRegression` and in the units of the
+    model. All components' whitening and regression matrices stand in one matrix: a row is predicted by one product with
+    it, and what is left is small.
 
     Args:
         plain: The regression.

@@ -24,7 +24,8 @@ class SpeedClasses:
     """Which components predict at a speed: those of the class c with the largest a_c + b_c v + q_c v² (PP eq. 19).
 
     Attributes:
-        polynomials: (a, b, q) of each class, the log of weight times density of the speed, shape (n_classes, 3).
+        polynomials: (a, b, q) of each class, the log of weight times density of the speed, shape (n_classes, 3), in
+            nats for speeds in m/s.
         of_component: Class of each component, from 0, shape (k,).
     """
 
@@ -54,17 +55,19 @@ class PlainRegression:
     the mean is the change from the angle given last, which is added to it. Where the bands were calibrated, variances
     are multiplied by `variance_factors` f_i, and covariances by √(f_i f_j).
 
+    Inputs and outputs are in the units of the model, z has none.
+
     Attributes:
         order: In which the inputs are whitened (n,): those first that tell components apart.
         origin: About the middle of the inputs (n,): numbers stay small where a program computes in float32.
         whitening: W (k, n, n).
         shifts: s (k, n).
-        constants: c (k,).
-        log_weights: (k,).
+        constants: c, nats (k,).
+        log_weights: log p, nats (k,).
         matrices: A (k, m, n).
         offsets: o (k, m).
         covariances: C (k, m, m).
-        variance_factors: f (m,), 1 without calibration.
+        variance_factors: f, ratios (m,), 1 without calibration.
         faithful: See above.
         classes: See above.
         coordinates: See above; None: x is what is given.
@@ -93,7 +96,7 @@ class PlainRegression:
         coordinates: CurvatureCoordinates | None = None,
         calibration: Calibration | None = None,
     ) -> Self:
-        """Take a regression, or one for each class of speed, apart.
+        """Take a regression, or one for each class of speed, apart; see the class for the formulas.
 
         Args:
             regressions: One; with `classes` as many as it has components, in their order.
@@ -160,7 +163,7 @@ def domain_score(model: MixtureRegression | VelocityLookahead, inputs: FloatArra
 
     Args:
         model: The regression.
-        inputs: Shape (n_samples, n_inputs).
+        inputs: Shape (n_samples, n_inputs), in the units of the model.
 
     Returns:
         Shape (n_samples,).

@@ -39,7 +39,7 @@ class Trip:
         driver: Who drives.
         name: Of the recording and its folder.
         start: ns since 1970, UTC, a multiple of 10 ms.
-        minutes: How long.
+        minutes: How long, min.
         clock: Of the CAN logger.
         emergencies: What happens on the way; the road decides where and in which order.
         can_gaps: (start, duration) in s since the start: no CAN frames are logged.
@@ -146,7 +146,7 @@ def draw_campaign(
         seed: Of the campaign and of its drivers.
         drivers: How many.
         recordings: Of each driver.
-        minutes: Of each recording.
+        minutes: Of each recording, min.
         clock_offset: s, mean of the CAN clocks' offsets, which lie within half of it around it.
         clock_drift: ppm, mean of their drifts, which lie likewise.
     """
@@ -215,7 +215,8 @@ def check_campaign(directory: Path, campaign: Campaign) -> None:
     """Refuse a campaign that would write over real logs, or whose names cannot be folders.
 
     Raises:
-        InputError: It names all of them.
+        InputError: A name is there twice, stands for two drivers or cannot be a folder's, or a recording is there that
+            was not simulated; it names all of them.
     """
     counts = Counter(trip.key for trip in campaign.trips)
     wrong = [f"{key} is there {count} times" for key, count in counts.items() if count > 1]
@@ -252,6 +253,7 @@ def simulate_recording(directory: Path, campaign: Campaign, index: int) -> dict[
 
     Raises:
         InputError: The trip is too short for its emergencies.
+        IndexError: There is no such trip.
     """
     trip = campaign.trips[index]
     truth, road, origin, intentions, motion, (on_bus, in_navigation) = drive_trip(directory, campaign, index)
@@ -307,8 +309,14 @@ class DrivenTrip(NamedTuple):
 def drive_trip(directory: Path, campaign: Campaign, index: int) -> DrivenTrip:
     """Drive one trip of a campaign; nothing is written.
 
+    Args:
+        directory: Named by errors.
+        campaign: The trip's.
+        index: Of the trip within the campaign, from 0.
+
     Raises:
-        InputError: The trip is too short for its emergencies; it names `directory`.
+        InputError: The trip is too short for its emergencies.
+        IndexError: There is no such trip.
     """
     trip = campaign.trips[index]
     on_road, at_wheel, on_bus, in_navigation = np.random.default_rng([campaign.seed, index]).spawn(4)

@@ -20,7 +20,7 @@ class Car:
     Attributes:
         wheelbase: m.
         track: m, between the wheels of an axle.
-        steering_ratio: Steering wheel angle over road wheel angle.
+        steering_ratio: A ratio, steering wheel angle over road wheel angle.
         steering_offset: deg, what the car's sensor reads when the steering wheel angle is zero.
         understeer_gradient: rad/(m/s²), K above; 0 for a kinematic bicycle.
         rear_slip: rad/(m/s²), 0 for a rear axle that does not slip.
@@ -45,14 +45,15 @@ class Car:
         """Return accelerator pedal (%) and brake pressure (bar) for a motion.
 
         Coasting slows the car by drag and recuperation; what is left to accelerate is the accelerator's share, what is
-        left to slow down the brakes', at 11 bar per m/s².
+        left to slow down the brakes', at 11 bar per m/s²: demand = acceleration + 0.15 + 0.0006 v², pedal = 100 demand
+        / (`acceleration` + 1), pressure = −11 demand; at standstill the pressure is 20 bar.
 
         Args:
             speed: m/s (n,).
             acceleration: m/s² (n,).
 
         Returns:
-            Each (n,).
+            Each (n,), from 0 on, the pedal up to 100.
         """
         coasting = np.where(speed > 0, -0.15 - 0.0006 * speed**2, 0.0)
         demand = acceleration - coasting
@@ -61,6 +62,9 @@ class Car:
 
     def wheel_speeds(self, speed: FloatArray, yaw_rate: FloatArray, road_wheel_angle: FloatArray) -> FloatArray:
         """Return the wheel speeds (m/s) front left, front right, rear left, rear right as (4, n).
+
+        With v_s = v ∓ ψ̇ `track` / 2 of the left and right side, rear wheels turn at v_s, front wheels at v_s cos δ +
+        ψ̇ L sin δ; none turns backwards.
 
         Args:
             speed: m/s (n,), of the reference point.

@@ -80,7 +80,7 @@ class Manner(NamedTuple):
 
 
 class Chassis(NamedTuple):
-    """How the car answers: see `Car`; `steering_speed` is rad/s at the road wheels."""
+    """How the car answers, in the units of `Car`, but `steering_speed` in rad/s at the road wheels."""
 
     wheelbase: float
     understeer_gradient: float
@@ -93,10 +93,10 @@ class Chassis(NamedTuple):
 
 @njit(cache=True)
 def swerve_shape(share: float) -> float:
-    """Return the lateral acceleration of a swerve at a share of its duration, 1 in its middle.
+    """Return the lateral acceleration of a swerve at a share u of its duration, as a share of that in its middle.
 
-    It is the second derivative of u⁴(1 - u)⁴: away, back and straight again, so that neither the heading nor the
-    lateral position differs in the end.
+    It is the second derivative of u⁴(1 − u)⁴, −32 u² (1 − u)² (3 − 14u + 14u²): away, back and straight again, so that
+    neither the heading nor the lateral position differs in the end.
     """
     u = share
     return -32 * u**2 * (1 - u) ** 2 * (3 - 14 * u + 14 * u**2)
@@ -120,7 +120,15 @@ class Reaction(NamedTuple):
 
 @njit(cache=True)
 def react(before: Reaction, hazards: Hazards, s: float, speed: float, acceleration: float) -> Reaction:
-    """Return what the driver does now that a hazard appears at arc length `s`, or has been dealt with."""
+    """Return what the driver does now that a hazard appears at arc length `s`, or has been dealt with.
+
+    Args:
+        before: What the driver did so far.
+        hazards: What appears, and where.
+        s: m, where the car is along the centre line.
+        speed: m/s.
+        acceleration: m/s².
+    """
     mode, hazard, elapsed, released_at = before
     if mode == FREE and hazard + 1 < len(hazards.s) and s >= hazards.s[hazard + 1]:
         hazard, elapsed = hazard + 1, 0.0
@@ -142,6 +150,9 @@ def planned_acceleration(
     plan: Plan, manner: Manner, line: Line, s: float, speed: float, speed_noise: float, departed: float, stop: float
 ) -> float:
     """Return the acceleration in m/s² that follows the plan a third of a second ahead.
+
+    It is a = a_plan + (v_plan (1 + `speed_noise`) − v) / 1.5 s there, no more than the driver asks for; up to a stop
+    the car creeps.
 
     Args:
         plan: What is meant to be done.
@@ -168,7 +179,13 @@ def planned_acceleration(
 
 @njit(cache=True)
 def brake_or_swerve(reaction: Reaction, hazards: Hazards, wanted: float) -> tuple[float, float]:
-    """Return the acceleration (m/s²) in an emergency, or as wanted in none, and the jerk (m/s³) it may come with."""
+    """Return the acceleration (m/s²) in an emergency, or as wanted in none, and the jerk (m/s³) it may come with.
+
+    Args:
+        reaction: What the driver does.
+        hazards: What for.
+        wanted: m/s², without an emergency.
+    """
     if reaction.mode == BRAKING:
         return -hazards.strength[reaction.hazard], EMERGENCY_JERK
     if reaction.mode == RELEASING:
@@ -183,6 +200,9 @@ def steering_rate(
     reaction: Reaction, hazards: Hazards, chassis: Chassis, held: float, angle: float, speed: float
 ) -> float:
     """Return the rate in rad/s at which the road wheels turn to the angle that is held; in a swerve a pulse is on it.
+
+    It is (target − angle) / `steering_lag`, at most `steering_speed` either way; a swerve of lateral acceleration a
+    adds a (L + K v²) / v² to the target, v of 5 m/s at least.
 
     Args:
         reaction: What the driver does.
@@ -210,7 +230,16 @@ def run(
 
     The car begins at rest at the beginning of the centre line and stands for three seconds. Every row is the state at
     one instant and what the driver makes of it; the next one follows from it by one step of `period` seconds with
-    trapezoidal integration.
+    trapezoidal integration. The driver steers by PP eq. 1, smoothed over `Manner.smoothing`; the car's heading turns at
+    v κ, κ = tan δ / (L + K v²), and its course lags that by the slip, `rear_slip` · v² κ.
+
+    Args:
+        line: Centre line of the road.
+        plan: What the driver means to do.
+        hazards: What comes in between.
+        manner: How the driver steers and presses the pedals.
+        chassis: How the car answers.
+        period: s.
 
     Returns:
         (n_samples, n_columns) as `COLUMNS` names them, in SI units and radians, where pursuit angle, lookahead and

@@ -52,7 +52,7 @@ class Driver:
     steering_smoothing: float = 0.1
 
     def lookahead(self, speed: FloatArray) -> FloatArray:
-        """Return h(v) in m, within its bounds, for speeds in m/s, both (n,)."""
+        """Return h = `lookahead_base` + `lookahead_time` · v, m (n,), within its bounds, for speeds v, m/s (n,)."""
         bounded: FloatArray = np.clip(
             self.lookahead_base + self.lookahead_time * speed, self.lookahead_minimum, self.lookahead_maximum
         )
@@ -64,11 +64,13 @@ def coloured_noise(
 ) -> FloatArray:
     """Return noise (samples,) at `RATE` that forgets itself with a time constant.
 
+    With white noise w of variance 1 it is n_i = a n_i−1 + √(1 − a²) σ w_i, a = exp(−1 / (`RATE` τ)), in the unit of σ.
+
     Args:
         generator: Source of the noise.
         samples: How many.
-        deviation: Standard deviation, before the smoothing.
-        time: s, time constant of the memory.
+        deviation: σ, standard deviation before the smoothing, in any unit.
+        time: τ, s, time constant of the memory.
         smoothing: s, time constant of a low-pass over the result.
     """
     from scipy.signal import lfilter
@@ -93,9 +95,9 @@ class Intentions:
         stops: m (k,), arc lengths where a red light stops the car.
         standstills: s (k,), how long each lasts.
         emergencies: What happens, in the order of the road.
-        hazards: m, arc lengths at which they begin.
-        strengths: m/s², deceleration, or lateral acceleration in the middle of the swerve, positive to the left.
-        extents: Share of the speed that is left after braking, or duration of the swerve in s.
+        hazards: m (j,), arc lengths at which they begin.
+        strengths: m/s² (j,), deceleration, or lateral acceleration in the middle of the swerve, positive to the left.
+        extents: Share of the speed that is left after braking, or duration of the swerve in s (j,).
     """
 
     speed: FloatArray
@@ -111,8 +113,8 @@ class Intentions:
 def plan_speed(road: Road, driver: Driver, stops: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the speed (m/s) a driver means to have along a road, and the acceleration (m/s²) that keeps to it.
 
-    The speed is the greatest that respects the driver's share of the limit, the lateral comfort in curves and the
-    comfortable acceleration and deceleration, and that is zero at the stops.
+    The speed is the greatest that respects the driver's share of the limit, the lateral comfort in curves (v² |κ|) and
+    the comfortable acceleration and deceleration (d(v²)/ds / 2), and that is zero at the stops.
 
     Args:
         road: With n samples.
@@ -256,7 +258,10 @@ class Motion:
 def drive(
     generator: np.random.Generator, road: Road, car: Car, driver: Driver, intentions: Intentions, duration: float
 ) -> Motion:
-    """Let a driver drive a car along a road.
+    """Let a driver drive a car along a road: `closed_loop.run`, and what its states mean for the motion.
+
+    At slip β = −`rear_slip` v² κ the path's curvature is κ + dβ/ds; along and across the heading the accelerations are
+    v̇ cos β − v² κ_path sin β and v̇ sin β + v² κ_path cos β.
 
     Args:
         generator: Source of the driver's unsteadiness.

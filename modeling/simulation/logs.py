@@ -135,7 +135,7 @@ class CanClock:
     drift: float = 0.0
 
     def stamp(self, time: npt.NDArray[np.int64], start: int) -> npt.NDArray[np.int64]:
-        """Return the stamps in ns of UTC times in ns, both (n,), in a recording that begins at `start`."""
+        """Return the stamps in ns (n,), see the class, of UTC times in ns (n,); the recording begins at `start`, ns."""
         gained = np.rint(1e-6 * self.drift * (time - start)).astype(np.int64)
         stamps: npt.NDArray[np.int64] = time + round(self.offset * SECOND) + gained
         return stamps
@@ -153,7 +153,8 @@ def outside(time: npt.NDArray[np.int64], start: int, gaps: Sequence[tuple[float,
 def bus_signals(truth: pa.Table, car: Car, sensors: Sensors) -> dict[str, tuple[npt.NDArray[Any], float]]:
     """Return what the car's control units send: "Message.Signal", values of n samples in its unit, noise.
 
-    Integers are states, held between the samples.
+    Angles in deg with the sensor's offset, rates in deg/s, accelerations in m/s², speeds in km/h, pedals in %, pressure
+    in bar, positive to the left and forwards. Integers are states, held between the samples.
 
     Args:
         truth: The drive, in the schema `TRUTH`, n samples.
@@ -203,6 +204,9 @@ def can_log(
         clock: The logger's.
         gaps: (start, duration) in s since the start of the drive: the logger writes nothing.
         database: With the messages of `MESSAGE_RATES`.
+
+    Raises:
+        KeyError: A message is not in the database, or a signal of one is not simulated.
     """
     signals = bus_signals(truth, car, sensors)
     sampled = truth["time"].cast(pa.int64()).to_numpy()
@@ -342,6 +346,9 @@ def navigation_log(
     gaps: Sequence[tuple[float, float]],
 ) -> NavigationLog:
     """Return what the navigation unit measures on a drive.
+
+    East of the origin meridians lean: north is turned by (λ − λ₀) sin φ against the y axis, with longitude λ and
+    latitude φ. The course θ has the azimuth α = 90° + that − θ, clockwise from north.
 
     Args:
         generator: Source of noise.

@@ -46,10 +46,11 @@ def record_trip(campaign: Campaign, index: int) -> Recorded:
 
     Args:
         campaign: The trip's.
-        index: Of the trip within the campaign.
+        index: Of the trip within the campaign, from 0.
 
     Raises:
         InputError: The trip is too short for its emergencies.
+        IndexError: There is no such trip.
     """
     trip = campaign.trips[index]
     with tempfile.TemporaryDirectory() as folder:
@@ -78,6 +79,13 @@ def record_trip(campaign: Campaign, index: int) -> Recorded:
 
 
 def synced_table(recorded: Recorded, clock: ClockEstimate, period: int, max_gap: int) -> pa.Table:
-    """Return a trip's signals on the grid, in the schema `SYNCED`; period and longest gap that is bridged in ns."""
+    """Return a trip's signals on the grid, in the schema `SYNCED`.
+
+    Args:
+        recorded: The trip.
+        clock: What is known of the CAN logger's clock.
+        period: ns between rows.
+        max_gap: ns, the longest gap that is bridged.
+    """
     can = {name: SampledSignal(to_utc(signal.time, clock), signal.values) for name, signal in recorded.can.items()}
     return synchronise({}, recorded.navigation | can, ClockEstimate.trusted("in UTC already"), period, max_gap)

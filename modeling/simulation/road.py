@@ -137,7 +137,7 @@ def generate_road(generator: np.random.Generator, length: float) -> Road:
         length: m, the least length of the road.
 
     Returns:
-        The road, somewhat longer than asked.
+        The road, somewhat longer than asked: between joints dκ/ds is constant, x and y are sums of chords.
     """
     layout = _Layout()
     layout.straight(40.0, 40.0 / 3.6)

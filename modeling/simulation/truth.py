@@ -100,6 +100,8 @@ def centre_line_table(motion: Motion, road: Road, origin: Origin) -> pa.Table:
 def geodetic(x: FloatArray, y: FloatArray, origin: Origin) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return WGS 84 latitude, longitude (deg) and altitude (m) of a level road (n,) at the origin's altitude.
 
+    It lies (x² + y²) / 2R below the plane, R = `EARTH_RADIUS`.
+
     Args:
         x: m (n,), east in the plane that touches the earth at the origin.
         y: m (n,), north in that plane.
@@ -123,7 +125,7 @@ def truth_table(motion: Motion, road: Road, car: Car, start: int, origin: Origin
         origin: Where the drive begins.
 
     Returns:
-        n rows.
+        n rows; the pedals are low-passed with a time constant of 0.1 s, see `Car.pedals`.
     """
     from scipy.signal import lfilter
 

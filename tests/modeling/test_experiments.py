@@ -15,9 +15,9 @@ from scipy.stats import multivariate_normal
 from typer.testing import CliRunner
 
 from wheelprint.cli import app
-from wheelprint.modeling import cells, experiment_cells, experiment_figures, experiments
+from wheelprint.modeling import cells, experiment_cells, experiment_figures, experiment_models, experiments
 from wheelprint.modeling.drivers import read_series
-from wheelprint.modeling.experiment_cells import fit_apart
+from wheelprint.modeling.experiment_models import fit_apart
 from wheelprint.modeling.experiments import Experiment, gather_experiment, plan_experiment
 from wheelprint.schemas.errors import InputError
 from wheelprint.schemas.project import Project
@@ -42,7 +42,7 @@ def small() -> Iterator[None]:
     """Shrink the grids."""
     with pytest.MonkeyPatch.context() as patch:
         for name, value in SMALL.items():
-            for module in (experiment_cells, experiment_figures, experiments):
+            for module in (experiment_cells, experiment_figures, experiment_models, experiments):
                 if hasattr(module, name):
                     patch.setattr(module, name, value)
         yield
@@ -199,7 +199,7 @@ def test_types_with_few_windows_fall_back_along_the_levels(faithful: bool) -> No
     inputs, outputs, types = windows(rng, counts)
     constant = types == "3-1-3"
     inputs[constant], outputs[constant] = inputs[constant][0], outputs[constant][0]
-    finest = experiment_cells.fit_structure(inputs, outputs, types, 2, 0, 1, faithful=faithful)
+    finest = experiment_models.fit_structure(inputs, outputs, types, 2, 0, 1, faithful=faithful)
     assert {name: finest.model_of(name) for name in counts} == {
         "1-1-1": "1-1-1", "2-1-2": "1", "3-1-3": "3-1-3", "1-2-1": "all", "2-2-2": "all", "3-3-3": "3-3-3",
         "1-3-2": "3",
@@ -218,15 +218,15 @@ def test_types_with_few_windows_fall_back_along_the_levels(faithful: bool) -> No
 
 def test_what_fell_back_is_counted(project: Project, monkeypatch: pytest.MonkeyPatch) -> None:
     """One path type in eight is too rare to have a regression of its own."""
-    monkeypatch.setattr(experiment_cells, "windows_needed", lambda *_: 150)
+    monkeypatch.setattr(experiment_models, "windows_needed", lambda *_: 150)
     rare = np.where(np.arange(800) % 40 < 35, "1-1-1", "2-1-2")
-    monkeypatch.setattr(experiment_cells, "label_rows", lambda *_: rare)
+    monkeypatch.setattr(experiment_models, "label_rows", lambda *_: rare)
     where, config = (project.directory, "b.~"), project.config
     outcome = experiment_cells.evaluate_primitives(*where, 1, 1, 1, True, True, config)
     path = project.directory / outcome.entry["outputs"][0]["path"]
     rows = json.loads(path.read_text(encoding="utf-8"))["rows"]
     series = read_series(*where, config)
-    split = experiment_cells.split_windows(*where, series, 1, 1, config, faithful=True)
+    split = experiment_models.split_windows(*where, series, 1, 1, config, faithful=True)
     learnt, asked = Counter(split.learnt_types.tolist()), Counter(split.asked_types.tolist())
     few = {name: windows for name, windows in asked.items() if learnt[name] < 150}
     found = {(row["path_types"], row["windows"]): row["fell_back"] for row in rows}
