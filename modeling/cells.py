@@ -289,6 +289,7 @@ def evaluate_lookahead(project: Path, driver: str, fold: int, config: Config) ->
             )
 
     with one_thread():
+        learnt = spread_out(np.flatnonzero(training), settings.max_samples)
         change = (lookahead - previous)[training & np.isfinite(previous)]
         spread = math.sqrt(_mean(np.square(change)) or 0.0)
         measure("persistence", None, None, (previous, np.full(len(previous), spread)))
@@ -298,11 +299,11 @@ def evaluate_lookahead(project: Path, driver: str, fold: int, config: Config) ->
         fallbacks: dict[str, list[str]] = {}
         for components in settings.components:
             general = GeneralLookahead(components, settings.starts, seed)
-            measure("general", components, None, general.fit(inputs[training], lookahead[training]).predict(inputs))
+            measure("general", components, None, general.fit(inputs[learnt], lookahead[learnt]).predict(inputs))
             fallbacks[f"general, {components} components"] = list(general.fallbacks)
             for regressors in settings.regressors:
                 velocity = VelocityLookahead(components, regressors, settings.starts, seed)
-                prediction = velocity.fit(inputs[training], lookahead[training]).predict(inputs)
+                prediction = velocity.fit(inputs[learnt], lookahead[learnt]).predict(inputs)
                 measure("velocity", components, regressors, prediction)
                 fallbacks[f"velocity, {components} components, {regressors} regressors"] = list(velocity.fallbacks)
     name = Path("lookahead") / encode_name(driver) / f"fold-{fold}.json"

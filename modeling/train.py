@@ -163,8 +163,8 @@ def _train_lookahead(
     parameters: Mapping[str, Any],
 ) -> Outcome:
     series = read_series(project, driver, config)
-    known = series.has_lookahead
-    inputs, lookahead = series.path_points[known], series.lookahead[known]
+    learnt = spread_out(np.flatnonzero(series.has_lookahead), config.models.lookahead.max_samples)
+    inputs, lookahead = series.path_points[learnt], series.lookahead[learnt]
     if len(inputs) < FEWEST_SAMPLES:
         raise _too_few(project, driver, f"{len(inputs)} samples with a lookahead distance", FEWEST_SAMPLES)
     with one_thread():

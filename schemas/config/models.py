@@ -19,6 +19,11 @@ class LookaheadModel(Section):
         default=[3], description="n2 of PP to evaluate: models of the velocity-based regression; the last is trained"
     )
     starts: int = Field(default=3, ge=1, description="k-means starts of every fit; the most likely one is kept")
+    max_samples: int = Field(
+        default=20_000,
+        ge=1000,
+        description="distances to learn from at most, evenly spread: neighbours, 0.1 s apart, are nearly equal",
+    )
 
 
 class MotionPrimitives(Section):
@@ -41,7 +46,7 @@ class MotionPrimitives(Section):
         description="windows to learn from at most, evenly spread: neighbours, 0.1 s apart, are nearly equal",
     )
     inputs: list[Literal["paper", "curvature"]] = Field(
-        default=["curvature", "paper"],
+        default=["curvature"],
         min_length=1,
         description="mixtures to evaluate: paper, from course deviation and speed to the angle; curvature, from the "
         "path's curvature and lateral acceleration to the change of the angle; the last is trained",

@@ -94,7 +94,7 @@ def test_tables_have_the_columns_that_other_programs_read(ran: Path) -> None:
     assert tuple(rows(ran / "events.csv")[0]) == EVENT_COLUMNS
     assert {row["model"] for row in lookahead} == {"general", "velocity", "persistence", "ridge"}
     assert {row["model"] for row in primitives} == {
-        "persistence", "ridge", "kinematic", "ridge_curvature", "mixture", "curvature_mixture",
+        "persistence", "ridge", "kinematic", "ridge_curvature", "curvature_mixture",
     }  # fmt: skip
     assert {(row["driver"], row["fold"]) for row in primitives} == {("driver01", str(fold)) for fold in range(4)}
     assert {row["split"] for row in lookahead} == {"train", "test"}

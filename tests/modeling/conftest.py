@@ -39,6 +39,7 @@ components = [1, 2]
 regressors = [2]
 starts = 1
 [models.motion_primitives]
+inputs = ["curvature", "paper"]
 path_types = [1, 3, 27]
 past_steps = [-1, 1]
 future_steps = 5
