@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..dataset.segments import Division, divide, features, path_types
-from .path_types import PathTypes
+from .path_types import Labels, PathTypes
 from .windows import Floats, Rows, Series
 
 HISTORY = 60_000_000_000
@@ -27,18 +27,13 @@ def label_present(
     Args:
         course_deviation: deg per sample (n_rows,), from the past to the horizon; NaN only in the first row.
         speed: m/s (n_rows,).
-        present: Row that is asked for.
+        present: Row that is asked for, from 0.
         types: The types of path.
         division: How the path is divided.
         period: ns between rows.
     """
-    one_run = np.zeros(len(speed), dtype=np.int32)
-    segment, _ = divide(course_deviation, one_run, *division)
-    own = segment[present]
-    first, last = max(own - 1, 0), min(own + 1, segment[-1])
-    labels = types.label(features(course_deviation, speed, segment, period)[first : last + 1])
-    names = path_types(labels, one_run[: len(labels)])
-    return names[int(own - first)]
+    around, own = _segments_around(course_deviation, speed, present, division, period)
+    return _name(types.label(around), own)
 
 
 def label_windows(
@@ -48,22 +43,23 @@ def label_windows(
 
     Args:
         series: The data; its own segments are not looked at.
-        centres: Row t of each window (n_windows,); t + `ahead` lies in the same stretch.
+        centres: Row t of each window (n_windows,), from 0; t + `ahead` lies in the same stretch.
         ahead: Steps that are known of the path ahead, n₃.
         types: The types of path.
         division: How the path is divided.
         period: ns between samples.
 
     Returns:
-        Shape (n_windows,).
+        Path types such as `1-3-2` (n_windows,).
     """
+    if not len(centres):
+        return np.empty(0, dtype=np.str_)
     begins = np.searchsorted(series.stretch, series.stretch[centres])
-    names = [
-        label_present(
+    found = [
+        _segments_around(
             series.course_deviation[first : centre + ahead + 1],
             series.speed[first : centre + ahead + 1],
             centre - first,
-            types,
             division,
             period,
         )
@@ -71,4 +67,22 @@ def label_windows(
             np.maximum(begins, centres - HISTORY // period).tolist(), centres.tolist(), strict=True
         )
     ]
-    return np.array(names, dtype=np.str_)
+    labels = types.label(np.concatenate([around for around, _ in found]))
+    ends = np.cumsum([len(around) for around, _ in found])
+    own = [place for _, place in found]
+    return np.array([_name(*of) for of in zip(np.split(labels, ends[:-1]), own, strict=True)], dtype=np.str_)
+
+
+def _segments_around(
+    course_deviation: Floats, speed: Floats, present: int, division: Division, period: int
+) -> tuple[Floats, int]:
+    """Return the features of the segment at a row and of its neighbours (up to 3, 4), and which one is its own."""
+    segment, _ = divide(course_deviation, np.zeros(len(speed), dtype=np.int32), *division)
+    own = int(segment[present])
+    first, last = max(own - 1, 0), min(own + 1, int(segment[-1]))
+    return features(course_deviation, speed, segment, period)[first : last + 1], own - first
+
+
+def _name(labels: Labels, own: int) -> str:
+    """Return the path type of one of a few segments that follow each other, with labels (n_segments,)."""
+    return path_types(labels, np.zeros(len(labels), dtype=np.int32))[own]

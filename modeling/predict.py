@@ -20,7 +20,7 @@ from .motion_primitives import MotionPrimitives
 from .path_ahead import label_windows
 from .path_types import PathTypes
 from .storage import load_model
-from .windows import Floats, Mask, Series, Windows, cut_windows, window_centres
+from .windows import Floats, Rows, Series, cut_windows, window_centres
 
 MODEL = "motion_primitives"
 
@@ -49,12 +49,6 @@ class SteeringModel:
     def window(self) -> tuple[int, int]:
         """n₂ and n₃."""
         return self.past_steps, self.future_steps
-
-    def windows(self, series: Series, allowed: Mask) -> Windows:
-        """Return the windows that can be predicted, entirely within the allowed rows (n_rows,)."""
-        rows = allowed & series.has_path_and_steering
-        centres = window_centres(series.stretch, rows, max(self.past_steps, 0), self.future_steps)
-        return cut_windows(series, centres, self.past_steps, self.future_steps)
 
     def predict(self, inputs: Floats, path_types: NDArray[Any]) -> tuple[Floats, Floats]:
         """Return means and standard deviations √var, deg, each (n_windows, n₃); see `MotionPrimitives.predict`."""
@@ -122,10 +116,17 @@ def predict_steering(project: Project, model: SteeringModel, driver: str, record
         recording: Name of the recording.
 
     Returns:
-        One row for each predicted window: `time` (t), `steering_wheel_angle` (deg, what the driver did at t),
-        `path_type`, `regression` (the motion primitive that predicts, see `MotionPrimitives.model_of`), and as lists
-        of n₃ values for t + 1 … t + n₃ `mean` and `sd`, deg; `domain_score` in nats, see
-        `MotionPrimitives.domain_score`. Empty where no window is whole.
+        A row for each window, see `predict_windows`. Empty where no window is whole.
+
+    Raises:
+        InputError: See `predictable`.
+    """
+    series, centres = predictable(project, model, driver, recording)
+    return predict_windows(model, series, centres)
+
+
+def predictable(project: Project, model: SteeringModel, driver: str, recording: str) -> tuple[Series, Rows]:
+    """Return a driver's data and the rows t of a recording from which it can be predicted (n_windows,), from 0.
 
     Raises:
         InputError: The dataset cannot be read, lacks the recording, or has another sampling period than the model.
@@ -141,8 +142,26 @@ def predict_steering(project: Project, model: SteeringModel, driver: str, record
         known = ", ".join(dict.fromkeys(series.recording.tolist()))
         reason = f"driver {driver!r} has no recording {recording!r} in the dataset; there are {known}"
         raise InputError(project.directory / "dataset", "", reason)
-    windows = model.windows(series, allowed)
-    path_type = label_windows(series, windows.centres, model.future_steps, model.types, model.division, model.period)
+    rows = allowed & series.has_path_and_steering
+    return series, window_centres(series.stretch, rows, max(model.past_steps, 0), model.future_steps)
+
+
+def predict_windows(model: SteeringModel, series: Series, centres: Rows) -> pa.Table:
+    """Predict the steering from some rows of a driver's data, see `predict_steering`.
+
+    Args:
+        model: Whose steering is predicted.
+        series: The data.
+        centres: Rows t (n_windows,), from 0, as `predictable` returns them or some of those.
+
+    Returns:
+        One row for each predicted window: `time` (t), `steering_wheel_angle` (deg, what the driver did at t),
+        `path_type`, `regression` (the motion primitive that predicts, see `MotionPrimitives.model_of`), and as lists
+        of n₃ values for t + 1 … t + n₃ `mean` and `sd`, deg; `domain_score` in nats, see
+        `MotionPrimitives.domain_score`. Empty where no window is whole.
+    """
+    windows = cut_windows(series, centres, model.past_steps, model.future_steps)
+    path_type = label_windows(series, centres, model.future_steps, model.types, model.division, model.period)
     mean, sd = model.predict(windows.inputs, path_type)
     score = model.primitives.domain_score(windows.inputs, path_type)
     names, which = np.unique(path_type, return_inverse=True)

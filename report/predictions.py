@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..modeling.drivers import one_thread
-from ..modeling.predict import load_steering_model, predict_steering
+from ..modeling.predict import load_steering_model, predict_windows, predictable
 from ..schemas.project import Project
-from ..schemas.store import read_table
 from . import model_figures
 from .blocks import Figure
-from .drives import column, nanoseconds, readable
+from .drives import readable
 
 PREDICTIONS = 6
 """Predictions shown one after the other, where a recording has so many in a row."""
@@ -36,24 +35,25 @@ def predicted_stretch(project: Project, driver: str, recordings: Sequence[str]) 
     with one_thread():
         model = load_steering_model(project, driver)
     for recording in recordings:
-        with one_thread():  # The same bytes whatever the machine.
-            table = predict_steering(project, model, driver, recording)
-        if len(table) == 0:
+        series, centres = predictable(project, model, driver, recording)
+        if len(centres) == 0:
             continue
-        dataset = read_table(project.dataset_file(driver, recording))
-        time, driven = nanoseconds(dataset), column(dataset, "steering_wheel_angle")
-        made, horizon = nanoseconds(table), model.future_steps * model.period
+        own = series.recording == recording
+        time, driven = series.time[own], series.steering_wheel_angle[own]
+        made = series.time[centres]
+        horizon = model.future_steps * model.period
         first, number = _liveliest(made, time, driven, horizon)
-        shown = [int(np.searchsorted(made, first + k * horizon)) for k in range(number)]
-        mean, sd = (np.array([table[name][row].as_py() for row in shown]) for name in ("mean", "sd"))
-        run = column(dataset, "run")
-        same_run = run == run[np.searchsorted(time, first)]
-        around = same_run & (time >= first - horizon // 5) & (time <= first + number * horizon)
-        true = np.array([driven[np.searchsorted(time, made[row]) + 1 :][: model.future_steps] for row in shown])
+        shown = centres[np.searchsorted(made, first + horizon * np.arange(number))]
+        with one_thread():  # The same bytes whatever the machine.
+            table = predict_windows(model, series, shown)
+        mean, sd = (np.array(table[name].to_pylist()) for name in ("mean", "sd"))
+        same_stretch = series.stretch[own] == series.stretch[shown[0]]
+        around = same_stretch & (time >= first - horizon // 5) & (time <= first + number * horizon)
+        true = series.steering_wheel_angle[shown[:, None] + np.arange(1, model.future_steps + 1)]
         figure = model_figures.prediction(
             (time[around] - first) / 1e9,
             driven[around],
-            (made[shown] - first) / 1e9,
+            (series.time[shown] - first) / 1e9,
             np.arange(1.0, model.future_steps + 1) * (model.period / 1e9),
             mean,
             sd,

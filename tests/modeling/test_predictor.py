@@ -18,7 +18,7 @@ from wheelprint.modeling.path_ahead import HISTORY, label_windows
 from wheelprint.modeling.path_types import PathTypes
 from wheelprint.modeling.predict import SteeringModel, load_steering_model, predict_steering
 from wheelprint.modeling.train import plan_training
-from wheelprint.modeling.windows import Series
+from wheelprint.modeling.windows import Series, window_centres
 from wheelprint.schemas.project import Project
 
 DRIVER, RECORDING = "王 小明", "drive 0"
@@ -109,7 +109,8 @@ def test_types_of_path_are_those_of_a_recording_that_ends_at_the_horizon(
     lively: SteeringModel, series: Series, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Against the definition, window by window: cut the recording at the horizon and label its segments."""
-    centres = lively.windows(series, series.recording == RECORDING).centres[::7]
+    rows = (series.recording == RECORDING) & series.has_path_and_steering
+    centres = window_centres(series.stretch, rows, max(lively.past_steps, 0), lively.future_steps)[::7]
     args = (centres, lively.future_steps, lively.types, lively.division, lively.period)
     for history in (HISTORY, 4_000_000_000):
         monkeypatch.setattr(path_ahead, "HISTORY", history)
