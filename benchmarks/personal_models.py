@@ -97,11 +97,10 @@ def law_error(project: Project, driver: str, who: Mapping[str, Any]) -> tuple[fl
     rebuild = (VelocityLookahead.from_arrays, VelocityLookahead.predict)
     model, _ = load_model(project.model_folder(kind, driver), {kind: rebuild})
     series = read_series(project.directory, driver, project.config)
-    inputs = np.column_stack([series.course_deviation, series.speed])
+    inputs = series.path_points
     driven = series.speed[series.speed > SLOWEST]
     slowest, fastest = np.percentile(driven, [5, 95]).tolist()
-    told = np.isfinite(inputs).all(axis=1) & np.isfinite(series.lookahead)
-    told &= (series.speed >= slowest) & (series.speed <= fastest)
+    told = series.has_lookahead & (series.speed >= slowest) & (series.speed <= fastest)
     speed: NDArray[np.float64] = series.speed[told]
     law = law_of(who, speed)
     distance = model.predict(inputs[told])[0]

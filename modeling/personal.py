@@ -70,9 +70,8 @@ def take_samples(series: Series, rows: Mask, quantity: Quantity, settings: Perso
         centres = window_centres(series.stretch, rows & series.has_path_and_steering, max(past, 0), future)
         windows = cut_windows(series, centres, past, future)
         return Samples(centres, windows.inputs, windows.outputs)
-    inputs = np.column_stack([series.course_deviation, series.speed])
-    centres = np.flatnonzero(rows & np.isfinite(inputs).all(axis=1) & np.isfinite(series.lookahead))
-    return Samples(centres, inputs[centres], series.lookahead[centres, None])
+    centres = np.flatnonzero(rows & series.has_lookahead)
+    return Samples(centres, series.path_points[centres], series.lookahead[centres, None])
 
 
 def fit_own(
