@@ -84,7 +84,8 @@ def campaign_of(seed: int, recordings: int, minutes: float, drawn: int) -> Campa
 def law_of(who: Mapping[str, Any], speed: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the true lookahead distance in m of a driver at speeds in m/s, each (n,)."""
     distance = who["lookahead_base"] + who["lookahead_time"] * speed
-    return np.clip(distance, who["lookahead_minimum"], who["lookahead_maximum"])
+    clipped: NDArray[np.float64] = np.clip(distance, who["lookahead_minimum"], who["lookahead_maximum"])
+    return clipped
 
 
 def law_error(project: Project, driver: str, who: Mapping[str, Any]) -> tuple[float, float, float, float, int]:
