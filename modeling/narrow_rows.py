@@ -1,6 +1,7 @@
-"""The pass of expectation maximisation over rows of a few columns, compiled: there BLAS has nothing to gain.
+"""Passes of k-means and expectation maximisation over rows of few columns, compiled: BLAS has nothing to gain there.
 
-Rows are taken in blocks, a column of a block at a time, so that all of it, exponentials too, runs on vector units.
+Expectation maximisation takes rows in blocks, a column of a block at a time, so that all of it, exponentials too, runs
+on vector units.
 """
 
 from __future__ import annotations
@@ -29,6 +30,46 @@ ROUNDING = 1.5 * 2.0**52
 SUMS = {"reassoc", "nsz", "contract"}
 """What may be assumed of floating point: sums in any order, so that vector units can form them. Never around
 `exponentials`: what a function calls inherits it, and would be free to leave out the rounding."""
+
+
+@njit(cache=True, nogil=True)
+def lloyd_step(
+    rows: FloatArray,
+    weights: FloatArray,
+    centres: FloatArray,
+    labels: npt.NDArray[np.intp],
+) -> int:
+    """Label rows by their nearest centre, arg min_c |x − m_c|², move the centres to m_c = Σ w x / Σ w, Lloyd's step.
+
+    Args:
+        rows: Shape (n, d), in units in which distances may be compared.
+        weights: How often each row counts (n,).
+        centres: Shape (k, d), in the units of the rows; one without rows stays where it is.
+        labels: Before the step, from 0; written (n,).
+
+    Returns:
+        How many labels changed.
+    """
+    (n, d), k = rows.shape, len(centres)
+    totals, sums = np.zeros(k), np.zeros((k, d))
+    changed = 0
+    for row in range(n):
+        nearest, label = np.inf, 0
+        for c in range(k):
+            distance = 0.0
+            for i in range(d):
+                distance += (rows[row, i] - centres[c, i]) ** 2
+            if distance < nearest:
+                nearest, label = distance, c
+        changed += labels[row] != label
+        labels[row] = label
+        totals[label] += weights[row]
+        for i in range(d):
+            sums[label, i] += weights[row] * rows[row, i]
+    for c in range(k):
+        if totals[c] > 0.0:
+            centres[c] = sums[c] / totals[c]
+    return changed
 
 
 @njit(cache=True, nogil=True)
