@@ -316,8 +316,8 @@ def _means_and_covariances(
 ) -> tuple[FloatArray, FloatArray]:
     """Return each component's mean (k, d) and covariance about it (k, d, d), for the counts that are to divide."""
     shifts = statistics.first / counts[:, None]
-    lower = np.tril(statistics.second)
-    moments = (lower + np.tril(lower, -1).transpose(0, 2, 1)) / counts[:, None, None]
+    lower, second = np.tri(shifts.shape[1], dtype=np.bool_), statistics.second
+    moments = np.where(lower, second, second.transpose(0, 2, 1)) / counts[:, None, None]
     moments -= shifts[:, :, None] * shifts[:, None, :]
     means = parameters.means + np.einsum("kij,kj->ki", parameters.factors, shifts)
     covariances = parameters.factors @ moments @ parameters.factors.transpose(0, 2, 1)
