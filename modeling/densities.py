@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 CHUNK_VALUES = 2**18
 """Values in one array of a chunk."""
 
+BLOCK = 1024
+"""Most rows of many columns in a chunk: enough for BLAS to be fast, few enough for the nearer caches."""
+
 LEADING = 24
 """Columns that log densities are bounded by. With 12, 24 and 48 of 153 columns of simulated windows 2.0, 1.7 and 1.6 of
 9 components are left to compute, and 1.1 matter."""
 
 FEWEST_TO_BOUND = 2 * LEADING
 """Columns from which on the bound costs less than it saves."""
-
-CANDIDATES = 64
-"""Components up to which it is remembered of each row which ones are in question, a bit each."""
 
 NOTHING = 40.0
 """Nats below the most likely component from which on a component changes no sum of doubles."""
@@ -48,12 +48,12 @@ class Parameters:
     precision: np.dtype[Any]
 
     @property
-    def negligible(self) -> float:
-        """Responsibilities below this vanish in the rounding of the sums they are added to.
+    def cutoff(self) -> float:
+        """Nats below a row's likelihood from which on what a component adds vanishes in the rounding of the sums.
 
-        It is about u = 2⁻⁵³ ≈ 1e-16 in double precision and 2⁻²⁴ ≈ 6e-8 in single precision.
+        The responsibility exp(−cutoff) is about u = 2⁻⁵³ ≈ 1e-16 in double and 2⁻²⁴ ≈ 6e-8 in single precision.
         """
-        return math.exp(-16.0) if self.precision == np.float32 else 1e-16
+        return 16.0 if self.precision == np.float32 else 37.0
 
 
 def factorise(
@@ -91,10 +91,10 @@ def rounding_noise(parameters: Parameters) -> float:
     return float(parameters.weights @ raised) * (2.0**-24) ** 2 / 3.0
 
 
-def chunks(rows: Rows, components: int = 1) -> Iterator[slice]:
-    """Yield slices over rows (n, d) so small that neither they nor their values by component exceed `CHUNK_VALUES`."""
+def chunks(rows: Rows, components: int = 1, most: int = CHUNK_VALUES) -> Iterator[slice]:
+    """Yield slices of at most so many rows (n, d) that neither they nor their values by component are too many."""
     n, d = rows.shape
-    step = max(CHUNK_VALUES // max(d, components), 64)
+    step = min(max(CHUNK_VALUES // max(d, components), 64), most)
     for start in range(0, n, step):
         yield slice(start, min(start + step, n))
 
@@ -160,8 +160,9 @@ def log_joint(rows: npt.NDArray[np.floating[Any]], parameters: Parameters, cutof
             y = (rows - mean) @ inverse.T
             joint[:, component] = constants[component] - 0.5 * np.einsum("ij,ij->i", y, y)
     else:
-        from .wide_rows import wide_log_joint
+        from .wide_rows import Components, wide_log_joint
 
         bound = bound_of(parameters)
-        wide_log_joint(plain(rows), parameters.means, parameters.inverses, constants, bound, cutoff, joint)
+        components = Components(parameters.means, parameters.inverses, constants, bound, cutoff)
+        wide_log_joint(plain(rows), components, joint)
     return joint

@@ -12,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .densities import (
-    CANDIDATES,
-    FEWEST_TO_BOUND,
+    BLOCK,
     Parameters,
     bound_of,
     chunks,
@@ -22,7 +21,10 @@ from .densities import (
     plain,
     rounding_noise,
 )
+from .distances import Distances
 from .estimator import FloatArray, Rows
+
+Work = Callable[[list[slice]], "Statistics"]
 
 CovarianceType = Literal["full", "tied", "diagonal"]
 
@@ -32,13 +34,8 @@ NARROW = 8
 SINGLE_ROWS = 20_000
 """Rows from which on single precision pays."""
 
-SETTLED = 0.1
-"""Nats: after a pass that raised the mean log-likelihood by less, components hardly move, and a pass may keep to those
-that were in question for a row. With sets that stay, as with all components, no M step lowers the likelihood (Neal and
-Hinton, 1998)."""
-
-SEARCH_EVERY = 4
-"""Passes, of which one looks at all components of every row even then."""
+TOGETHER, MOST_PARTS = 16, 16
+"""Fewest chunks of many columns that go into the same sums, which are large, and most sums of all rows."""
 
 SINGLE_NOISE = 1e-6
 """Nats that rounding rows to float32 may change a row's log-likelihood by on average; beyond that it is float64."""
@@ -182,30 +179,24 @@ def maximise(sample: Sample, start: Parameters, settings: Settings) -> Run:
     single = settings.single and sample.rows.shape[1] > NARROW and len(sample.rows) >= SINGLE_ROWS
     parameters = _rounded(start) if single else start
     single = parameters.precision == np.float32
-    remembers = sample.rows.shape[1] >= FEWEST_TO_BOUND and len(start.weights) <= CANDIDATES
-    known = np.zeros(len(sample.rows) if remembers else 0, dtype=np.uint64)
-    statistics = _pass(sample, parameters, settings.threads, known)
+    distances = Distances.unknown(len(sample.rows), parameters)
+    statistics = _pass(sample, parameters, settings.threads, distances)
     log_likelihoods = [statistics.log_likelihood]
-    passes, rise = 1, math.inf
-    for left in reversed(range(settings.max_iterations)):
+    for _ in range(settings.max_iterations):
         candidate, dropped = _update(parameters, statistics, settings)
         if single:
             candidate = _rounded(candidate)
             single = candidate.precision == np.float32
-        search = not remembers or dropped > 0 or left == 0 or rise >= SETTLED or passes % SEARCH_EVERY == 0
-        passes += 1
-        outcome = _pass(sample, candidate, settings.threads, known, search=search)
+        if dropped:
+            distances = Distances.unknown(len(sample.rows), candidate)
+        outcome = _pass(sample, candidate, settings.threads, distances)
         if dropped:
             parameters, statistics, log_likelihoods = candidate, outcome, [outcome.log_likelihood]
-            rise = math.inf
             continue
         rise = outcome.log_likelihood - log_likelihoods[-1]
-        if rise < settings.tolerance and not search:
-            outcome = _pass(sample, candidate, settings.threads, known)
-            rise = outcome.log_likelihood - log_likelihoods[-1]
         if rise < 0 and single:
             single, parameters = False, _doubled(parameters)
-            statistics = _pass(sample, parameters, settings.threads, known)
+            statistics = _pass(sample, parameters, settings.threads, distances)
             log_likelihoods[-1] = statistics.log_likelihood
             continue
         if rise >= 0:
@@ -218,14 +209,14 @@ def maximise(sample: Sample, start: Parameters, settings: Settings) -> Run:
 
 def step(sample: Sample, parameters: Parameters, settings: Settings) -> Parameters:
     """Return one E and M step from `parameters`; formulas and errors are those of `maximise`."""
-    return _update(parameters, _pass(sample, parameters, settings.threads, np.empty(0, dtype=np.uint64)), settings)[0]
+    return _update(parameters, _pass(sample, parameters, settings.threads), settings)[0]
 
 
 def component_moments(rows: Rows, parameters: Parameters) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return what `GaussianMixture.moments` does of rows (n, d), in their units; in single precision if it will do."""
     if rows.shape[1] > NARROW and len(rows) >= SINGLE_ROWS:
         parameters = _rounded(parameters)
-    sums = _pass(Sample(rows), parameters, 1, np.empty(0, dtype=np.uint64))
+    sums = _pass(Sample(rows), parameters, 1)
     return sums.counts, *_means_and_covariances(parameters, sums, np.maximum(sums.counts, np.finfo(np.float64).tiny))
 
 
@@ -266,41 +257,73 @@ def _doubled(parameters: Parameters) -> Parameters:
     return factorise(parameters.weights, parameters.means, parameters.covariances)
 
 
-def _pass(
-    sample: Sample, parameters: Parameters, threads: int, known: npt.NDArray[np.uint64], *, search: bool = True
-) -> Statistics:
+def _pass(sample: Sample, parameters: Parameters, threads: int, distances: Distances | None = None) -> Statistics:
     """Return the mean log-likelihood of a row under the parameters and the sums that the next M step needs.
 
-    `known` and `search` are `candidates` and `search` of `wide_pass`.
+    Where distances are given, those of the pass before are used, and replaced.
     """
-    from .narrow_rows import narrow_pass
-    from .wide_rows import wide_pass
-
     k, d = parameters.means.shape
-    constants = log_constants(parameters.weights, parameters.inverses)
-    inverses = parameters.inverses.astype(parameters.precision)
-    bound = None if d <= NARROW else bound_of(parameters)
-
-    def work(part: slice) -> Statistics:
-        sums = Statistics.zeros(k, d)
-        rows, weights = plain(sample.rows[part]), plain(sample.weights_of(part))
-        model, into = (parameters.means, inverses, constants), (sums.counts, sums.first, sums.second)
-        if bound is None:
-            sums.log_likelihood = narrow_pass(rows, weights, *model, *into)
-        else:
-            sums.log_likelihood = wide_pass(
-                rows, weights, *model, bound, parameters.negligible, known[part], search, *into
-            )
-        return sums
-
+    if d <= NARROW:
+        work, parts, together = _narrow_work(sample, parameters), list(chunks(sample.rows, k)), 1
+    else:
+        work, parts = _wide_work(sample, parameters, distances), list(chunks(sample.rows, k, BLOCK))
+        together = max(TOGETHER, -(-len(parts) // MOST_PARTS))
     total = Statistics.zeros(k, d)
-    for sums in _in_order(work, list(chunks(sample.rows, k)), threads):
+    for sums in _in_order(work, [parts[start : start + together] for start in range(0, len(parts), together)], threads):
         total.add(sums)
     total.log_likelihood /= len(sample.rows)
     return total
 
 
-def _in_order(work: Callable[[slice], Statistics], parts: list[slice], threads: int) -> Iterator[Statistics]:
+def _narrow_work(sample: Sample, parameters: Parameters) -> Work:
+    """Return what sums up parts of rows of few columns."""
+    from .narrow_rows import narrow_pass
+
+    constants = log_constants(parameters.weights, parameters.inverses)
+
+    def work(parts: list[slice]) -> Statistics:
+        sums = Statistics.zeros(*parameters.means.shape)
+        model, into = (parameters.means, parameters.inverses, constants), (sums.counts, sums.first, sums.second)
+        for part in parts:
+            rows, weights = plain(sample.rows[part]), plain(sample.weights_of(part))
+            sums.log_likelihood += narrow_pass(rows, weights, *model, *into)
+        return sums
+
+    return work
+
+
+def _wide_work(sample: Sample, parameters: Parameters, distances: Distances | None) -> Work:
+    """Return what sums up parts of rows of many columns."""
+    from .wide_rows import Components, add_collected, buffers_of, moments_into, wide_pass
+
+    k, d = parameters.means.shape
+    components = Components(
+        parameters.means,
+        parameters.inverses.astype(parameters.precision),
+        log_constants(parameters.weights, parameters.inverses),
+        bound_of(parameters),
+        parameters.cutoff,
+    )
+    distances = distances or Distances.unknown(0, parameters)
+    changes = distances.move(parameters)
+
+    def work(parts: list[slice]) -> Statistics:
+        sums = Statistics.zeros(k, d)
+        buffers = buffers_of(components, parts[0].stop - parts[0].start)
+        moments = moments_into(sums.counts, sums.first, sums.second, components.inverses)
+        for part in parts:
+            rows, weights = plain(sample.rows[part]), plain(sample.weights_of(part))
+            sums.log_likelihood += wide_pass(
+                rows, weights, components, distances.least[part], *changes, buffers, moments
+            )
+        for c in range(k):
+            add_collected(c, moments)
+        return sums
+
+    return work
+
+
+def _in_order(work: Work, parts: list[list[slice]], threads: int) -> Iterator[Statistics]:
     """Yield the results in the order of the parts, so that sums of them are the same with any number of threads."""
     if threads == 1 or len(parts) == 1:
         yield from map(work, parts)

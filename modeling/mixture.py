@@ -38,7 +38,8 @@ class GaussianMixture(Estimator):
     `fit` follows scikit-learn's conventions and gives its numbers from the same start. The start is found on at most
     20,000 rows, where each of `n_starts` k-means or random starts is followed by EM; the best three compete for a few
     steps on all rows. E and M step are one pass in chunks of rows, so that beside `X` some 30 megabytes are needed, and
-    `X` may be a `RowSource`, whose rows are made chunk by chunk.
+    four bytes for each row and component where columns are many; `X` may be a `RowSource`, whose rows are made chunk by
+    chunk.
 
     A component is dropped when it has collapsed: fewer effective rows (sum of responsibilities) than `n_features + 1`
     (2 where covariances are diagonal, 1 where they are tied), so that its covariance is made of regularisation alone in

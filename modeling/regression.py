@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, overload
 
 import numpy as np
@@ -17,7 +18,6 @@ from .starts import StartKind
 
 if TYPE_CHECKING:
     from .conditional import Conditional
-    from .one_row import OneRow
 
 SINGLE_NOTHING = 16.0
 """Nats below the most likely component from which on a component changes no prediction in single precision."""
@@ -63,7 +63,7 @@ class MixtureRegression(Estimator):
     matrices_: FloatArray
     conditional_covariances_: FloatArray
     n_outputs_: int
-    _row: OneRow | None
+    _predict_row: Callable[[FloatArray, FloatArray, FloatArray], float] | None
 
     def __init__(
         self,
@@ -235,22 +235,19 @@ class MixtureRegression(Estimator):
         Returns:
             Means and standard deviations, each (n_outputs,), in the units of the data, and the domain score in nats.
         """
-        from .one_row import predict_row
-
+        if self._predict_row is None:
+            self._predict_row = self._prepare_row()
         mean, sd = np.empty((2, self.n_outputs_))
-        if self._row is None:
-            self._row = self._prepare_row()
-        return mean, sd, float(predict_row(x, *self._row, mean, sd))
+        return mean, sd, self._predict_row(x, mean, sd)
 
     def _mean_and_sd(self, rows: Rows, *, single: bool) -> tuple[FloatArray, FloatArray]:
         from .conditional import predict_rows
 
         mean, sd = np.empty((2, len(rows), self.n_outputs_))
-        kind, cutoff = (np.float32, SINGLE_NOTHING) if single else (np.float64, NOTHING)
-        conditional = self._conditional(kind)
+        conditional = self._conditional(np.float32 if single else np.float64)
         with one_blas_thread():
             for part in chunks(rows):
-                predict_rows(plain(rows[part]), conditional, cutoff, mean[part], sd[part])
+                predict_rows(plain(rows[part]), conditional, mean[part], sd[part])
         return mean, sd
 
     def _mean_and_covariance(self, rows: Rows) -> tuple[FloatArray, FloatArray]:
@@ -392,31 +389,36 @@ class MixtureRegression(Estimator):
         self._conditional_variances = np.diagonal(self.conditional_covariances_, axis1=1, axis2=2).copy()
         self._gains = gains
         self._prepared: dict[np.dtype[Any], Conditional] = {}
-        self._row = None
+        self._predict_row = None
 
     def _conditional(self, precision: npt.DTypeLike) -> Conditional:
         """Return what predictions in a precision need, computed once."""
         from .conditional import Conditional
+        from .wide_rows import Components
 
         kind = np.dtype(precision)
         if kind not in self._prepared:
             inputs, (weights, means) = self._input_mixture, (self.mixture_.weights_, self.mixture_.means_)
             constants = log_constants(weights, inputs.inverses)
             self._prepared[kind] = Conditional(
-                plain(inputs.means_),
-                inputs.inverses.astype(kind),
-                constants - np.log(weights) if self.faithful else constants,
-                inputs.bound(kind),
+                Components(
+                    plain(inputs.means_),
+                    inputs.inverses.astype(kind),
+                    constants - np.log(weights) if self.faithful else constants,
+                    inputs.bound(kind),
+                    SINGLE_NOTHING if kind == np.float32 else NOTHING,
+                ),
                 plain(means[:, self.n_features_in_ :]),
-                self._gains.astype(kind, order="C"),
+                self._gains.transpose(0, 2, 1).astype(kind, order="C"),
                 self._conditional_variances,
+                np.sqrt(self._conditional_variances),
                 self.faithful,
             )
         return self._prepared[kind]
 
-    def _prepare_row(self) -> OneRow:
-        """Return what the prediction of one row needs."""
-        from .one_row import OneRow
+    def _prepare_row(self) -> Callable[[FloatArray, FloatArray, FloatArray], float]:
+        """Return what writes the mean and sd of one row and returns its domain score, everything else computed once."""
+        from .one_row import OneRow, filled, predict_row
 
         joint, n = self.mixture_, self.n_features_in_
         order = telling_first(joint.covariances_[:, :n, :n])
@@ -424,19 +426,20 @@ class MixtureRegression(Estimator):
         ordered = joint.marginal(columns)
         factors, inputs = np.linalg.cholesky(ordered.covariances_), ordered.marginal(range(n))
         log_weights = np.log(joint.weights_)
-        return OneRow(
+        row = OneRow(
             order,
             plain(inputs.means_),
-            inputs.inverses,
+            filled(inputs.inverses),
             log_constants(joint.weights_, inputs.inverses),
             log_weights,
             plain(joint.means_[:, n:]),
-            plain(factors[:, n:, :n]),
+            filled(plain(factors[:, n:, :n])),
             self._conditional_variances,
             # Without its weight a component may count for more.
             NOTHING + (float(np.ptp(log_weights)) if self.faithful else 0.0),
             self.faithful,
         )
+        return partial(predict_row, *row)
 
     def _component_means(self, rows: Rows) -> FloatArray:
         """Return m_k of each row (MP eq. 18), shape (k, n_samples, n_outputs)."""

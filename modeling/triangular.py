@@ -17,7 +17,7 @@ from numba import njit, types
 
 Floats = npt.NDArray[np.floating[Any]]
 
-_LETTERS = np.frombuffer(b"RUNT", dtype=np.uint8)  # right, upper, not transposed, transposed
+_LETTERS = np.frombuffer(b"LUTN", dtype=np.uint8)  # left, upper, transposed, not transposed
 
 
 def _external(name: str, arguments: int) -> Any:
@@ -37,41 +37,41 @@ _SSYRK, _DSYRK = _external("ssyrk", 10), _external("dsyrk", 10)
 
 
 @njit(cache=True, nogil=True)
-def multiply_triangular(lower: Floats, columns: Floats) -> None:
-    """Replace columns C (d, n) by L C, the product of a lower triangular matrix L (d, d) with them (BLAS: trmm).
+def multiply_triangular(lower: Floats, rows: Floats) -> None:
+    """Replace each of the rows y (n, d) by L y, L a lower triangular matrix (d, d) (BLAS: trmm).
 
     Numbers of any units, both arrays of the same type, which is not asked.
     """
-    sizes = np.array([columns.shape[1], columns.shape[0]], dtype=np.int32)
-    _trmm(sizes, np.ones(1, dtype=columns.dtype), lower, columns)
+    sizes = np.array([rows.shape[1], rows.shape[0]], dtype=np.int32)
+    _trmm(sizes, np.ones(1, dtype=rows.dtype), lower, rows)
 
 
 @njit(cache=True, nogil=True)
-def square(columns: Floats, product: Floats) -> None:
-    """Write the lower triangle of C Cᵀ of columns C (d, n) into `product` (d, d) (BLAS: syrk).
+def square(rows: Floats, product: Floats) -> None:
+    """Write the lower triangle of Σ y yᵀ over rows y (n, d) into `product` (d, d) (BLAS: syrk).
 
     Numbers of any units, both arrays of the same type, which is not asked.
     """
-    sizes = np.array([columns.shape[1], columns.shape[0]], dtype=np.int32)
-    _syrk(sizes, np.array([1, 0], dtype=columns.dtype), columns, product)
+    sizes = np.array([rows.shape[1], rows.shape[0]], dtype=np.int32)
+    _syrk(sizes, np.array([1, 0], dtype=rows.dtype), rows, product)
 
 
 # Two functions stand below the others because an array whose address alone is passed on may be freed before the call.
 @njit(cache=True, nogil=True)
-def _trmm(sizes: npt.NDArray[np.int32], one: Floats, lower: Floats, columns: Floats) -> None:
-    letter, n, factor = _LETTERS.ctypes.data, sizes.ctypes.data, one.ctypes.data
-    d, a, b = n + 4, lower.ctypes.data, columns.ctypes.data
-    if columns.itemsize == 4:
-        _STRMM(letter, letter + 1, letter + 2, letter + 2, n, d, factor, a, d, b, n)
+def _trmm(sizes: npt.NDArray[np.int32], one: Floats, lower: Floats, rows: Floats) -> None:
+    letter, d, factor = _LETTERS.ctypes.data, sizes.ctypes.data, one.ctypes.data
+    n, a, b = d + 4, lower.ctypes.data, rows.ctypes.data
+    if rows.itemsize == 4:
+        _STRMM(letter, letter + 1, letter + 2, letter + 3, d, n, factor, a, d, b, d)
     else:
-        _DTRMM(letter, letter + 1, letter + 2, letter + 2, n, d, factor, a, d, b, n)
+        _DTRMM(letter, letter + 1, letter + 2, letter + 3, d, n, factor, a, d, b, d)
 
 
 @njit(cache=True, nogil=True)
-def _syrk(sizes: npt.NDArray[np.int32], factors: Floats, columns: Floats, product: Floats) -> None:
-    letter, n, one = _LETTERS.ctypes.data, sizes.ctypes.data, factors.ctypes.data
-    d, a, c, zero = n + 4, columns.ctypes.data, product.ctypes.data, one + columns.itemsize
-    if columns.itemsize == 4:
-        _SSYRK(letter + 1, letter + 3, d, n, one, a, n, zero, c, d)
+def _syrk(sizes: npt.NDArray[np.int32], factors: Floats, rows: Floats, product: Floats) -> None:
+    letter, d, one = _LETTERS.ctypes.data, sizes.ctypes.data, factors.ctypes.data
+    n, a, c, zero = d + 4, rows.ctypes.data, product.ctypes.data, one + rows.itemsize
+    if rows.itemsize == 4:
+        _SSYRK(letter + 1, letter + 3, d, n, one, a, d, zero, c, d)
     else:
-        _DSYRK(letter + 1, letter + 3, d, n, one, a, n, zero, c, d)
+        _DSYRK(letter + 1, letter + 3, d, n, one, a, d, zero, c, d)

@@ -1,11 +1,10 @@
 """The pass of expectation maximisation over rows of many columns, compiled around BLAS and without Python's lock.
 
 A row of several hundred nats is explained by one component or two; all others are many orders of magnitude less likely.
-The squared Mahalanobis distance over some of the columns is a lower bound of the one over all of them, so that a few
-columns, evenly spread, show most components to be out of question before their d² products are done. What was in
-question for a row is remembered: the next few passes compute nothing else.
-
-Rows of the data are columns here: whatever is done to one column of the data runs along memory.
+Most need not be computed: by how far a component was in the pass before it is known to be out of question, see
+`distances`. Where that is not enough, or nothing is known yet, the squared Mahalanobis distance over some of the
+columns is a lower bound of the one over all of them, so that a few columns, evenly spread, show most components to be
+too far.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from .densities import BLOCK
 from .estimator import FloatArray
 from .triangular import multiply_triangular, square
 
@@ -24,14 +24,16 @@ Floats = npt.NDArray[np.floating[Any]]
 Indices = npt.NDArray[np.uint32]
 """Unsigned, so that compiled code need not ask of each whether it counts from the end."""
 
-Candidates = npt.NDArray[np.uint64]
-"""Components in question, a bit each."""
+Distances = npt.NDArray[np.float32]
 
-BLOCK = 1024
-"""Rows that are taken at a time."""
+FEW = 128
+"""Rows that are bounded at a time: what is computed of all components stays in a near cache."""
 
-TILE = 16
-"""Rows that are transposed at a time: their values stay in the nearest cache."""
+COLLECTED = 256
+"""Rows of a component whose moments are computed at a time: they stay in a near cache."""
+
+SUMS = {"reassoc", "nsz", "contract"}
+"""What may be assumed of floating point: sums in any order, so that vector units can form them."""
 
 
 class Bound(NamedTuple):
@@ -54,237 +56,282 @@ class Bound(NamedTuple):
     constants: FloatArray
 
 
+class Components(NamedTuple):
+    """The mixture's components, in the units of the data.
+
+    Attributes:
+        means: μ (k, d).
+        inverses: W, lower triangular (k, d, d), in inverse units; their type is that of the products.
+        constants: Log density of each component at its mean, log weight included, nats (k,).
+        bound: See there.
+        cutoff: Nats below a row's most likely component from which on others are left out.
+    """
+
+    means: FloatArray
+    inverses: Floats
+    constants: FloatArray
+    bound: Bound
+    cutoff: float
+
+
 class Buffers(NamedTuple):
     """Where a block of n rows is worked on. What is computed of a component is a piece: some rows, whitened.
 
     Attributes:
         joint: log p_k g_k(x), nats (k, n), −inf where a component was dismissed.
-        bounds: Nothing in `joint` lies above these, nats (k, n).
-        guess: Most likely component by the leading columns (n,).
+        bounds: What it is at most, nats (k, n), and is where it was computed.
+        guess: Most likely component by what was known before (n,).
+        totals: log Σ_k p_k g_k(x), nats (n,).
         components: Component of each piece (2·k,).
         begins: Where the rows of each piece begin in the next, and of the last one end (2·k+1,).
         rows: Rows of all pieces (k·n+1,).
-        whitened: W(x − μ), without a unit, of all pieces, each (d, rows of the piece), one after another (k·d·n,).
+        whitened: W(x − μ) of the same (k·n, d), without a unit.
     """
 
     joint: FloatArray
     bounds: FloatArray
     guess: Indices
+    totals: FloatArray
     components: Indices
-    begins: Indices
+    begins: npt.NDArray[np.int64]
     rows: Indices
     whitened: Floats
 
 
-@njit(cache=True, nogil=True)
-def wide_pass(
-    rows: Floats,
-    sample_weights: FloatArray,
-    means: FloatArray,
-    inverses: Floats,
-    constants: FloatArray,
-    bound: Bound,
-    negligible: float,
-    candidates: Candidates,
-    search: bool,
-    counts: FloatArray,
-    first: FloatArray,
-    second: FloatArray,
-) -> float:
-    """Add what the M step needs to the sums and return the log-likelihood, nats: Σ w log Σ_k p_k g_k(x).
+class Moments(NamedTuple):
+    """The sums of `expectation_maximisation.Statistics`, and rows on their way into them: many at once are faster.
 
-    With j_k = log p_k g_k(x) = constant − ½ |y|² the responsibility is r = w exp(j_k) / Σ exp(j_k) (MP eq. 7); see
-    `expectation_maximisation.Statistics` for the sums.
+    They are of y = W(x − μ), which has no unit.
 
-    Args:
-        rows: Shape (n, d), in any units.
-        sample_weights: Shape (n,), or (0,) for weights of 1.
-        means: Shape (k, d), in the same units.
-        inverses: W, lower triangular (k, d, d), in inverse units; their type is that of the products. y = W(x − μ).
-        constants: Log density of each component at its mean, log weight included, nats (k,).
-        bound: See there.
-        negligible: Responsibilities below this are left out, a share.
-        candidates: Bit c says whether component c is in question for a row (n,), or (0,) to remember nothing.
-        search: Whether `candidates` is written, from all components, or read.
-        counts: Sum of responsibilities (k,), added to, as the following ones.
-        first: Sum of responsibility times y (k, d).
-        second: Sum of responsibility times y yᵀ, the lower triangle (k, d, d).
+    Attributes:
+        counts: Sum of responsibilities (k,).
+        first: Sum of r y (k, d).
+        second: Sum of r y yᵀ, the lower triangle (k, d, d).
+        rows: √r y that `second` lacks (k, COLLECTED, d).
+        roots: Their √r (k, COLLECTED).
+        collected: How many there are of each component (k,).
     """
-    n, d = rows.shape
-    k = len(means)
-    size = min(n, BLOCK)
-    buffers = buffers_of(k, d, size, inverses)
-    weighted, product = np.empty(d * size, dtype=inverses.dtype), np.empty((d, d), dtype=inverses.dtype)
-    totals, root, kept = np.empty(size), np.empty(size, dtype=inverses.dtype), np.empty(size, dtype=np.uint32)
-    cutoff = -math.log(negligible)
-    log_likelihood = 0.0
-    for start in range(0, n, size):
-        part, weights = rows[start : start + size], sample_weights[start : start + size]
-        known = candidates[start : start + size]
-        pieces = evaluate(part, means, inverses, constants, bound, cutoff, known[:0] if search else known, buffers)
-        log_sums(buffers.joint, len(part), totals)
-        if search and len(known):
-            _remember(buffers.joint, totals, cutoff, known)
-        for row in range(len(part)):
-            log_likelihood += totals[row] * (weights[row] if len(weights) else 1.0)
-        for piece in range(pieces):
-            c, begin, stop = buffers.components[piece], buffers.begins[piece], buffers.begins[piece + 1]
-            m = 0
-            for place in range(stop - begin):
-                row = buffers.rows[begin + place]
-                r = math.exp(buffers.joint[c, row] - totals[row])
-                if r > negligible:
-                    r *= weights[row] if len(weights) else 1.0
-                    counts[c] += r
-                    root[m], kept[m] = math.sqrt(r), place
-                    m += 1
-            if m > 0:
-                y = buffers.whitened[d * begin : d * stop].reshape(d, stop - begin)
-                _add_moments(y, kept[:m], root[:m], weighted[: d * m].reshape(d, m), product, first[c], second[c])
-    return log_likelihood
+
+    counts: FloatArray
+    first: FloatArray
+    second: FloatArray
+    rows: Floats
+    roots: Floats
+    collected: npt.NDArray[np.int64]
 
 
 @njit(cache=True, nogil=True)
-def wide_log_joint(
-    rows: Floats,
-    means: FloatArray,
-    inverses: Floats,
-    constants: FloatArray,
-    bound: Bound,
-    cutoff: float,
-    joint: FloatArray,
-) -> None:
-    """Write log p_k g_k(x) into `joint` (n, k), −inf where it is certain to lie more than `cutoff` nats below the top.
-
-    The other arguments and the formula are those of `wide_pass`.
-    """
-    n, d = rows.shape
-    size = min(n, BLOCK)
-    buffers = buffers_of(len(means), d, size, inverses)
-    everything = np.empty(0, dtype=np.uint64)
-    for start in range(0, n, size):
-        part = rows[start : start + size]
-        evaluate(part, means, inverses, constants, bound, cutoff, everything, buffers)
-        joint[start : start + size] = buffers.joint[:, : len(part)].T
-
-
-@njit(cache=True, nogil=True)
-def buffers_of(k: int, d: int, n: int, inverses: Floats) -> Buffers:
-    """Return buffers for blocks of n rows, `whitened` of the type of `inverses` (k, d, d), whatever their units."""
+def buffers_of(components: Components, n: int) -> Buffers:
+    """Return buffers for blocks of n rows; see `Buffers`."""
+    k, d = components.means.shape
     return Buffers(
         np.empty((k, n)),
         np.empty((k, n)),
         np.zeros(n, dtype=np.uint32),
+        np.empty(n),
         np.empty(2 * k, dtype=np.uint32),
         np.zeros(2 * k + 1, dtype=np.int64),
         np.empty(k * n + 1, dtype=np.uint32),
-        np.empty(k * d * n, dtype=inverses.dtype),
+        np.empty((k * n, d), dtype=components.inverses.dtype),
     )
 
 
 @njit(cache=True, nogil=True)
-def evaluate(
-    rows: Floats,
-    means: FloatArray,
-    inverses: Floats,
-    constants: FloatArray,
-    bound: Bound,
-    cutoff: float,
-    candidates: Candidates,
+def moments_into(counts: FloatArray, first: FloatArray, second: FloatArray, inverses: Floats) -> Moments:
+    """Return moments with nothing collected yet.
+
+    Args:
+        counts: See `Moments`.
+        first: See there.
+        second: See there.
+        inverses: W (k, d, d), in inverse units; their type is that of the products.
+    """
+    k, d = first.shape
+    rows = np.empty((k, COLLECTED, d), dtype=inverses.dtype)
+    return Moments(counts, first, second, rows, np.empty_like(rows[:, :, 0]), np.zeros(k, dtype=np.int64))
+
+
+@njit(cache=True, nogil=True)
+def wide_pass(
+    rows: FloatArray,
+    sample_weights: FloatArray,
+    components: Components,
+    distances: Distances,
+    shrinks: FloatArray,
+    shifts: FloatArray,
     buffers: Buffers,
-) -> int:
+    moments: Moments,
+) -> float:
+    """Add what the M step needs to the moments and return the log-likelihood, nats: Σ w log Σ_k p_k g_k(x).
+
+    With j_k = log p_k g_k(x) = constant − ½ |y|² the responsibility is r = w exp(j_k) / Σ exp(j_k) (MP eq. 7). What is
+    still collected in the end is added by `add_collected`.
+
+    Args:
+        rows: Shape (n, d), in the units of the components.
+        sample_weights: Shape (n,), or (0,) for weights of 1.
+        components: See there.
+        distances: What they were at least in the pass before, and then are at least now (n, k); (0, k) to keep none.
+        shrinks: How much of such a distance is left, a share (k,), or (0,) where nothing is known from before.
+        shifts: What is then taken off (k,); see `distances` for the formula.
+        buffers: For n rows or more; overwritten.
+        moments: Added to.
+    """
+    joint, totals, known = buffers.joint, buffers.totals, len(shrinks) > 0
+    if known:
+        _recall(distances, shrinks, shifts, components.constants, buffers)
+    pieces = evaluate(rows, components, known, buffers)
+    log_sums(joint, len(rows), totals)
+    if len(distances):
+        _remember(buffers.bounds, components.constants, distances)
+    log_likelihood, negligible = 0.0, math.exp(-components.cutoff)
+    for row in range(len(rows)):
+        log_likelihood += totals[row] * (sample_weights[row] if len(sample_weights) else 1.0)
+    for piece in range(pieces):
+        c = buffers.components[piece]
+        for place in range(buffers.begins[piece], buffers.begins[piece + 1]):
+            row = buffers.rows[place]
+            r = math.exp(joint[c, row] - totals[row])
+            if r > negligible:
+                r *= sample_weights[row] if len(sample_weights) else 1.0
+                _collect(buffers.whitened[place], r, c, moments)
+    return log_likelihood
+
+
+@njit(cache=True, nogil=True)
+def wide_log_joint(rows: FloatArray, components: Components, joint: FloatArray) -> None:
+    """Write log p_k g_k(x) of rows (n, d), in the units of the components, into `joint` (n, k), nats.
+
+    It is −inf where it is certain to lie below the cutoff; the formula is that of `wide_pass`.
+    """
+    n = len(rows)
+    size = min(n, BLOCK)
+    buffers = buffers_of(components, size)
+    for start in range(0, n, size):
+        part = rows[start : start + size]
+        evaluate(part, components, False, buffers)
+        joint[start : start + size] = buffers.joint[:, : len(part)].T
+
+
+@njit(cache=True, nogil=True)
+def evaluate(rows: FloatArray, components: Components, known: bool, buffers: Buffers) -> int:
     """Fill the buffers for a block of rows and return the number of pieces; see `wide_pass` for the formula.
 
     Args:
-        rows: Shape (n, d), in any units.
-        means: As in `wide_pass`, and so `inverses`, `constants` and `bound`.
-        inverses: See above.
-        constants: See above.
-        bound: See above.
-        cutoff: Nats below a row's most likely component from which on others are left out.
-        candidates: The components to compute, a bit each (n,), or (0,) for all that the bound does not dismiss.
+        rows: Shape (n, d), in the units of the components.
+        components: See there.
+        known: Whether `bounds` and `guess` are filled already, or are to be by the leading columns.
         buffers: Filled.
     """
-    joint, bounds, guess, components, begins, chosen, whitened = buffers
-    n, d = rows.shape
-    restricted = len(candidates) > 0
-    bounded = len(bound.columns) > 0 and not restricted
-    if bounded:
-        _bound(rows, bound, constants, bounds, guess)
+    n = len(rows)
+    joint, bounds, guess, _, pieces_of, begins, chosen, whitened = buffers
+    if not known:
+        if len(components.bound.columns):
+            _bound(rows, components.bound, components.constants, buffers)
+        else:
+            bounds[:], guess[:] = np.inf, 0
     joint[:] = -np.inf
     floor = np.full(n, -np.inf)
     pieces = 0
-    for turn in range(2 if bounded else 1):
-        for c in range(len(means)):
-            # First the guesses, then what their exact values leave worthwhile; without leading columns, all.
+    for turn in range(2):
+        for c in range(len(components.means)):
+            # First the guesses, then what their exact values leave worthwhile.
             begin = begins[pieces]
             stop = begin
-            if restricted:
-                for row in range(n):
-                    chosen[stop] = row
-                    stop += (candidates[row] >> np.uint64(c)) & np.uint64(1) != 0
-            else:
-                for row in range(n):
-                    chosen[stop] = row
-                    stop += not bounded or ((guess[row] == c) == (turn == 0) and bounds[c, row] >= floor[row])
+            for row in range(n):
+                chosen[stop] = row
+                stop += (guess[row] == c) == (turn == 0) and bounds[c, row] >= floor[row]
+            if known and turn == 1 and len(components.bound.columns) and stop > begin:
+                stop = begin + _still_near(rows, chosen[begin:stop], c, components, floor, bounds[c])
             if stop > begin:
-                own, y = chosen[begin:stop], whitened[d * begin : d * stop].reshape(d, stop - begin)
-                _whiten(rows, own, means[c], inverses[c], y)
-                _log_densities(y, own, constants[c], joint[c])
-                components[pieces], begins[pieces + 1] = c, stop
+                own, y = chosen[begin:stop], whitened[begin:stop]
+                _whiten(rows, own, components.means[c], components.inverses[c], y)
+                _log_densities(y, own, components.constants[c], joint[c])
+                for row in own:
+                    bounds[c, row] = joint[c, row]
+                pieces_of[pieces], begins[pieces + 1] = c, stop
                 pieces += 1
         for row in range(n):
-            floor[row] = joint[guess[row], row] - cutoff
+            floor[row] = joint[guess[row], row] - components.cutoff
     return pieces
 
 
 @njit(cache=True, nogil=True)
-def _bound(rows: Floats, bound: Bound, constants: FloatArray, bounds: FloatArray, guess: Indices) -> None:
-    """Write the bounds, and the components that are most likely by the leading columns."""
+def _bound(rows: FloatArray, bound: Bound, constants: FloatArray, buffers: Buffers) -> None:
+    """Write the bounds by the leading columns, and the components that are most likely by them."""
     n, (k, m) = len(rows), (len(constants), len(bound.columns))
-    seen = np.empty((m, n), dtype=bound.inverses.dtype)
-    for row in range(n):
-        for i in range(m):
-            seen[i, row] = rows[row, bound.columns[i]] - bound.centre[i]
-    whitened = np.dot(bound.inverses, seen)
-    best, squares = np.full(n, -np.inf), np.empty(n, dtype=seen.dtype)
-    for c in range(k):
-        squares[:] = 0.0
-        for i in range(c * m, (c + 1) * m):
-            of_column, offset = whitened[i], bound.offsets[i]
-            for row in range(n):
-                y = of_column[row] - offset
-                squares[row] += y * y
-        for row in range(n):
-            bounds[c, row] = constants[c] - 0.5 * squares[row]
-            likely = bound.constants[c] - 0.5 * squares[row]
-            if likely > best[row]:
-                best[row], guess[row] = likely, c
+    seen, squares = np.zeros((m, FEW), dtype=bound.inverses.dtype), np.empty(FEW, dtype=bound.inverses.dtype)
+    for start in range(0, n, FEW):
+        part = rows[start : start + FEW]
+        bounds, guess = buffers.bounds[:, start : start + FEW], buffers.guess[start : start + FEW]
+        best = np.full(len(part), -np.inf)
+        for row in range(len(part)):
+            for i in range(m):
+                seen[i, row] = part[row, bound.columns[i]] - bound.centre[i]
+        whitened = np.dot(bound.inverses, seen)
+        for c in range(k):
+            _add_squares(whitened[c * m : (c + 1) * m], bound.offsets[c * m : (c + 1) * m], squares)
+            for row in range(len(part)):
+                bounds[c, row] = constants[c] - 0.5 * squares[row]
+                likely = bound.constants[c] - 0.5 * squares[row]
+                if likely > best[row]:
+                    best[row], guess[row] = likely, c
 
 
 @njit(cache=True, nogil=True)
-def _whiten(rows: Floats, own: Indices, mean: FloatArray, inverse: Floats, y: Floats) -> None:
-    """Write W(x − μ) of some rows into y (d, m)."""
-    d, m = y.shape
-    for start in range(0, m, TILE):
-        stop = min(start + TILE, m)
-        for i in range(d):
-            for place in range(start, stop):
-                y[i, place] = rows[own[place], i] - mean[i]
+def _still_near(
+    rows: FloatArray, own: Indices, c: int, components: Components, floor: FloatArray, bounds: FloatArray
+) -> int:
+    """Move rows that a component's leading columns do not dismiss to the front of `own`; return their number."""
+    bound, kept = components.bound, 0
+    m = len(bound.columns)
+    seen, squares = np.zeros((m, FEW), dtype=bound.inverses.dtype), np.empty(FEW, dtype=bound.inverses.dtype)
+    for start in range(0, len(own), FEW):
+        part = own[start : start + FEW]
+        for place in range(len(part)):
+            x = rows[part[place]]
+            for i in range(m):
+                seen[i, place] = x[bound.columns[i]] - bound.centre[i]
+        whitened = np.dot(bound.inverses[c * m : (c + 1) * m], seen)
+        _add_squares(whitened, bound.offsets[c * m : (c + 1) * m], squares)
+        for place in range(len(part)):
+            row = part[place]
+            bounds[row] = min(bounds[row], components.constants[c] - 0.5 * squares[place])
+            own[kept] = row
+            kept += bounds[row] >= floor[row]
+    return kept
+
+
+@njit(cache=True, nogil=True)
+def _add_squares(whitened: Floats, offsets: Floats, squares: Floats) -> None:
+    """Write the squared distances (n,) of columns (m, n) from the offsets (m,)."""
+    squares[:] = 0.0
+    for i in range(len(offsets)):
+        of_column, offset = whitened[i], offsets[i]
+        for row in range(len(squares)):
+            y = of_column[row] - offset
+            squares[row] += y * y
+
+
+@njit(cache=True, nogil=True)
+def _whiten(rows: FloatArray, own: Indices, mean: FloatArray, inverse: Floats, y: Floats) -> None:
+    """Write W(x − μ) of some rows into y (m, d)."""
+    for place in range(len(own)):
+        x, into = rows[own[place]], y[place]
+        for i in range(len(mean)):
+            into[i] = x[i] - mean[i]
     multiply_triangular(inverse, y)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=SUMS)
 def _log_densities(y: Floats, own: Indices, constant: float, joint: FloatArray) -> None:
-    """Write the log densities of some rows (n,), which y (d, m) is of."""
-    d, m = y.shape
-    squares = np.zeros(m, dtype=y.dtype)
-    for i in range(d):
-        of_column = y[i]
-        for place in range(m):
-            squares[place] += of_column[place] * of_column[place]
-    for place in range(m):
-        joint[own[place]] = constant - 0.5 * squares[place]
+    """Write the log densities of some rows (n,), which y (m, d) is of."""
+    half = y.dtype.type(0.5)
+    for place in range(len(own)):
+        of_row, square = y[place], y.dtype.type(0.0)
+        for i in range(len(of_row)):
+            square += of_row[i] * of_row[i]
+        joint[own[place]] = constant - half * square
 
 
 @njit(cache=True, nogil=True)
@@ -304,27 +351,53 @@ def log_sums(joint: FloatArray, n: int, totals: FloatArray) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _remember(joint: FloatArray, totals: FloatArray, cutoff: float, candidates: Candidates) -> None:
-    """Write which components of each row lie within `cutoff` nats of all together."""
-    for row in range(len(candidates)):
-        bits = np.uint64(0)
-        for c in range(len(joint)):
-            if joint[c, row] > totals[row] - cutoff:
-                bits |= np.uint64(1) << np.uint64(c)
-        candidates[row] = bits
+def _recall(
+    distances: Distances, shrinks: FloatArray, shifts: FloatArray, constants: FloatArray, buffers: Buffers
+) -> None:
+    """Write the bounds that distances (n, k) of the pass before leave, and the components that they leave nearest."""
+    bounds, guess, best = buffers.bounds, buffers.guess, np.full(len(distances), -np.inf)
+    for c in range(len(constants)):
+        for row in range(len(distances)):
+            least = max(shrinks[c] * distances[row, c] - shifts[c], 0.0)
+            bounds[c, row] = constants[c] - 0.5 * least * least
+            if bounds[c, row] > best[row]:
+                best[row], guess[row] = bounds[c, row], c
 
 
 @njit(cache=True, nogil=True)
-def _add_moments(
-    y: Floats, kept: Indices, root: Floats, weighted: Floats, product: Floats, first: FloatArray, second: FloatArray
-) -> None:
-    """Add the moments of the columns `kept` of y (d, …), each times its root of the responsibility."""
+def _remember(bounds: FloatArray, constants: FloatArray, distances: Distances) -> None:
+    """Write the distances (n, k) at which log densities are as large as `bounds` (k, …)."""
+    for c in range(len(constants)):
+        for row in range(len(distances)):
+            distances[row, c] = math.sqrt(max(2.0 * (constants[c] - bounds[c, row]), 0.0))
+
+
+@njit(cache=True, nogil=True)
+def _collect(y: Floats, r: float, c: int, moments: Moments) -> None:
+    """Add a row of a component, whitened (d,), of responsibility r."""
+    place = moments.collected[c]
+    into, root = moments.rows[c, place], y.dtype.type(math.sqrt(r))
     for i in range(len(y)):
-        of_column, into = y[i], weighted[i]
-        for place in range(len(kept)):
-            into[place] = of_column[kept[place]] * root[place]
-    first += np.dot(weighted, root)
-    square(weighted, product)
-    for i in range(len(y)):
+        into[i] = root * y[i]
+    moments.roots[c, place] = root
+    moments.counts[c] += r
+    moments.collected[c] += 1
+    if moments.collected[c] == COLLECTED:
+        add_collected(c, moments)
+
+
+@njit(cache=True, nogil=True)
+def add_collected(c: int, moments: Moments) -> None:
+    """Add what was collected of a component to its sums: Σ r y and Σ r y yᵀ."""
+    m = moments.collected[c]
+    if m == 0:
+        return
+    y, second = moments.rows[c, :m], moments.second[c]
+    product = np.empty((y.shape[1], y.shape[1]), dtype=y.dtype)
+    square(y, product)
+    for i in range(len(product)):
+        of_row, into = product[i], second[i]
         for j in range(i + 1):
-            second[i, j] += product[i, j]
+            into[j] += of_row[j]
+    moments.first[c] += np.dot(moments.roots[c, :m], y)
+    moments.collected[c] = 0

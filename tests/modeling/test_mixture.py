@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
+from typing import get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wheelprint.modeling.mixture import GaussianMixture
+from wheelprint.modeling.mixture import GaussianMixture, Precision
 
 Rows = npt.NDArray[np.float64]
 
@@ -116,7 +117,8 @@ def test_many_rows_start_from_a_part_of_them_and_are_not_copied() -> None:
 
     truth = GaussianMixture.from_parameters([0.3, 0.7], [[0.0] * 12, [3.0] * 12], [np.eye(12), 2 * np.eye(12)])
     rows = truth.sample(60_000, 1)[0].astype(np.float32)
-    GaussianMixture(2, max_iterations=1).fit(rows)  # what is compiled is no memory of the rows
+    for precision in get_args(Precision):  # what is compiled is no memory of the rows
+        GaussianMixture(2, max_iterations=1, precision=precision).fit(rows)
     tracemalloc.start()
     mixture = GaussianMixture(2).fit(rows)
     peak = tracemalloc.get_traced_memory()[1]
