@@ -178,8 +178,9 @@ def test_curvature_and_calibration_are_part_of_the_export(
     """The files that the path types name say what the model itself says: transform, last angle, bands and score."""
     pytest.importorskip("onnx", reason="onnx is not installed: the extra onnx")
     path = own_project.directory / "wheelprint.toml"
-    extra = f'inputs = ["paper", "curvature"]\ncalibrate = {str(calibrate).lower()}\n'
-    text = path.read_text(encoding="utf-8").replace("past_steps = [-1, 1]\n", f"past_steps = [{past_steps}]\n{extra}")
+    asked = f'calibrate = {str(calibrate).lower()}\ninputs = ["curvature"]\n'
+    text = path.read_text(encoding="utf-8").replace('inputs = ["curvature", "paper"]\n', asked)
+    text = text.replace("past_steps = [-1, 1]\n", f"past_steps = [{past_steps}]\n")
     path.write_text(text, encoding="utf-8")
     project = Project(own_project.directory)
     perform(project, [task for task in plan_training(project)[0] if task.name == f"motion_primitives/{DRIVER}"])
