@@ -16,11 +16,11 @@ from .text_fields import (
     NOT_HEX,
     POINT,
     RETURN,
-    SECOND,
     STANDARD_MASK,
     ZERO,
     Numbers,
     Text,
+    Words,
     channel_of,
     clear,
     enter_payload,
@@ -30,7 +30,9 @@ from .text_fields import (
     seconds_at,
     set_aside,
 )
+from .text_log import CHANNELS as CHANNEL_COUNT
 from .text_log import FRAME, FRAMES, LONGEST, LONGEST_NAME, Found
+from .text_words import WORD, decimal_word, digits_of, first_of, hex_word, word_at
 
 LONGEST_LINE = 4096
 LONGEST_FRAME = 2 + 20 + 1 + LONGEST_NAME + 1 + 8 + 3 + 2 * 64 + 1
@@ -45,6 +47,10 @@ _DIGITS = np.frombuffer(b"0123456789ABCDEF", np.uint8)
 _ERROR_FLAG = 0x20000000
 _SHORTEST = len(b"(1436509052.249713) a 044#")
 """Bytes of an ordinary line, at least."""
+_REACH = 20 + LONGEST_NAME + 1 + 9 + 2 * WORD
+"""Bytes from the start of an ordinary line on that are looked at, at most."""
+_CLOSE_BLANK = np.uint64(_CLOSE | BLANK << 8)
+_TOO_LATE = np.uint64((LAST_SECOND + 1) * 1_000_000)
 
 
 @njit(cache=True, nogil=True)
@@ -133,99 +139,73 @@ def _parse_tail(text: Text, p: int, stop: int) -> tuple[int, int]:
 
 
 @njit(cache=True, nogil=True)
-def _digits_at(text: Text, p: np.uint64, count: int) -> tuple[int, bool]:
-    """Return the number that `count` decimal digits at `p` are, and whether one is none."""
-    number, bad = 0, False
-    for k in range(count):
-        digit = int(np.int64(text[p + np.uint64(k)])) - ZERO
-        bad |= (digit < 0) | (digit > 9)
-        number = 10 * number + digit
-    return number, bad
-
-
-@njit(cache=True, nogil=True)
-def _hex_at(text: Text, p: np.uint64, count: int) -> tuple[np.uint64, np.uint8]:
-    """Return the number that `count` hex digits at `p` are, and `NOT_HEX` or more if one is none."""
-    number, seen = np.uint64(0), np.uint8(0)
-    for k in range(count):
-        digit = HEX[text[p + np.uint64(k)]]
-        seen |= digit
-        number = number << np.uint64(4) | digit
-    return number, seen
-
-
-@njit(cache=True, nogil=True)
-def _bytes_at(text: Text, p: np.uint64, count: int) -> tuple[np.uint64, np.uint8]:
-    """Return the word that `count` pairs of hex digits at `p` are, first byte lowest; else as `_hex_at`."""
-    word, seen = np.uint64(0), np.uint8(0)
-    for k in range(count):
-        high, low = HEX[text[p + np.uint64(2 * k)]], HEX[text[p + np.uint64(2 * k + 1)]]
-        seen |= high | low
-        word |= np.uint64(high << 4 | low) << np.uint64(8 * k)
-    return word, seen
+def _in_other_order(word: np.uint64) -> np.uint64:
+    """Return four bytes with the first one highest."""
+    word = word >> np.uint64(16) & np.uint64(0xFFFF) | (word & np.uint64(0xFFFF)) << np.uint64(16)
+    return (word & np.uint64(0x00FF00FF)) << np.uint64(8) | word >> np.uint64(8) & np.uint64(0x00FF00FF)
 
 
 @njit(cache=True, nogil=True)
 def _enter_ordinary_lines(text: Text, ends: Numbers, number: int, found: Found) -> int:
     """Enter lines like `(1436509052.249713) can0 044#2A366C2BBA` from `number` on up to the first one that is not so.
 
-    Nearly every line is. Without a branch at each character, and with places that the compiler knows not to be
-    negative, they take a third of the time. Nothing is said of any other line, frame or not.
+    Nearly every line is. Taken a word at a time, without a branch at each character, they take a fifth of the time.
+    Nothing is said of any other line, frame or not, nor of one that words would reach beyond the text's end from.
 
     Returns:
         The number of the line it stopped at.
     """
     times, channels, ids, extendeds, _, _, lengths, data, _, names, _, counts = found
-    known_name, known_size, channel = np.uint64(0), 0, -1
-    row, one = counts[FRAMES], np.uint64(1)
+    row, one, reach = counts[FRAMES], np.uint64(1), len(text) - _REACH
+    known = np.zeros(len(names), np.uint64)
     while number < len(ends) and row < len(times):
-        start, stop = np.uint64(ends[number - 1] + 1 if number else 0), np.uint64(ends[number])
-        if (
-            stop < start + np.uint64(_SHORTEST)
-            or text[start] != _OPEN
-            or text[start + np.uint64(11)] != POINT
-            or text[start + np.uint64(18)] != _CLOSE
-            or text[start + np.uint64(19)] != BLANK
-        ):
+        begin, end = ends[number - 1] + 1 if number else 0, ends[number]
+        if end < begin + _SHORTEST or begin > reach:
             break
+        start, stop = np.uint64(begin), np.uint64(end)
         stop -= np.uint64(text[stop - one] == RETURN)
-        seconds, no_seconds = _digits_at(text, start + one, 10)
-        fraction, no_fraction = _digits_at(text, start + np.uint64(12), 6)
+        middle, last = word_at(text, start + np.uint64(9)), word_at(text, start + np.uint64(12))
+        if text[start] != _OPEN or text[start + np.uint64(11)] != POINT or last >> np.uint64(48) != _CLOSE_BLANK:
+            break
+        hundreds, no_hundreds = decimal_word(word_at(text, start + one))
+        microseconds, no_microseconds = decimal_word(last << np.uint64(16) | middle & np.uint64(0xFFFF))
         name = p = start + np.uint64(20)
         while p < stop and text[p] > BLANK:
             p += one
-        size, name_stop, p = int(np.int64(p - name)), p, p + one
-        if not 0 < size <= LONGEST_NAME or stop < p + np.uint64(4) or text[name_stop] != BLANK:
+        size, blank, p = np.int64(p - name), p, p + one
+        if not 0 < size <= LONGEST_NAME or stop < p + np.uint64(4) or text[blank] != BLANK:
             break
+        word = word_at(text, p)
         if text[p + np.uint64(3)] == _HASH:
-            identifier, seen = _hex_at(text, p, 3)
+            digits, no_identifier = hex_word(digits_of(word, 3) << np.uint64(8) | np.uint64(ZERO))
             p, largest = p + np.uint64(4), STANDARD_MASK
+            identifier = (digits & np.uint64(0xFF)) << np.uint64(8) | digits >> np.uint64(8) & np.uint64(0xFF)
         elif stop >= p + np.uint64(9) and text[p + np.uint64(8)] == _HASH:
-            identifier, seen = _hex_at(text, p, 8)
+            digits, no_identifier = hex_word(word)
             p, largest = p + np.uint64(9), EXTENDED_MASK
+            identifier = _in_other_order(digits)
         else:
             break
-        digits = int(np.int64(stop - p))
-        if digits == 16:
-            word, also_seen = _bytes_at(text, p, 8)
-        elif digits < 16 and digits % 2 == 0:
-            word, also_seen = _bytes_at(text, p, digits // 2)
-        else:
+        count = np.int64(stop - p)
+        if count > 16 or count % 2:
             break
-        bad = no_seconds | no_fraction | (seen >= NOT_HEX) | (also_seen >= NOT_HEX)
-        if bad or identifier > largest or seconds > LAST_SECOND:
+        low, no_low = hex_word(digits_of(word_at(text, p), count))
+        high, no_high = hex_word(digits_of(word_at(text, p + np.uint64(8)), max(count - 8, 0)))
+        time = hundreds * np.uint64(100_000_000) + microseconds
+        bad = no_hundreds | no_microseconds | no_identifier | no_low | no_high
+        if bad or identifier > largest or time >= _TOO_LATE:
             break
-        same, k = bool(channel >= 0 and size == known_size), np.uint64(0)
-        while same and k < np.uint64(size):
-            same = bool(text[name + k] == text[known_name + k])
-            k += one
-        if not same:
-            channel = channel_of(text, int(np.int64(name)), int(np.int64(name_stop)), names, counts)
-            known_name, known_size = name, size
+        # A call for every line would take as long as all else, so only names of more than a word need one.
+        label, channel = first_of(word_at(text, name), size), 0
+        while channel < counts[CHANNEL_COUNT] and known[channel] != label:
+            channel += 1
+        if size > WORD or channel == counts[CHANNEL_COUNT]:
+            channel = channel_of(text, np.int64(name), np.int64(name) + size, names, counts)
             if channel < 0:
                 break
-        times[row], channels[row], ids[row] = seconds * SECOND + fraction * 1000, channel, identifier
-        extendeds[row], lengths[row], data[row] = largest == EXTENDED_MASK, digits // 2, word
+            known[channel] = label if size <= WORD else np.uint64(0)
+        times[row], channels[row], ids[row] = time * np.uint64(1000), channel, identifier
+        extendeds[row], lengths[row], data[row] = largest == EXTENDED_MASK, count // 2, high << np.uint64(32) | low
         row += 1
         number += 1
     counts[FRAMES] = row

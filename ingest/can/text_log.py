@@ -29,7 +29,6 @@ line has an end, which it lacks; a line for the format's `judge`, a header as a 
 FRAMES, CHANNELS, LINES, LONGEST = range(4)
 """The places of `Found.counts`: frames, names of channels, lines that are no frames, bytes of the longest payload."""
 
-_NEWLINE = 10
 _SET_ASIDE = 1024
 _ENDS = "the file ends within this line"
 
@@ -92,6 +91,8 @@ def read_frames(
     Raises:
         InputError: The file cannot be read, or its header says that its lines cannot.
     """
+    from .text_words import line_ends
+
     found, first, carry = _nothing_found(), 1, b""
     for block in _pieces(path, account):
         if block is None:
@@ -101,7 +102,7 @@ def read_frames(
             break
         content, final = carry + (block or b"\n"), not block
         text = np.frombuffer(content, np.uint8)
-        ends, number = np.flatnonzero(text == _NEWLINE), 0
+        ends, number = line_ends(text), 0
         while number < len(ends):
             number = scan(text, ends, number, final, found, state)
             for line, code, start, stop, reached in found.lines[: found.counts[LINES]].tolist():

@@ -1,0 +1,92 @@
+"""Eight characters of a text at a time, compiled: import it where it is used, numba is heavy.
+
+They are the bytes of a word, the first one the lowest, and worked on all at once ("SIMD within a register"): no byte's
+result ever carries into the next one.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from llvmlite.ir import IntType
+from numba import njit, types
+from numba.extending import intrinsic
+
+Text = npt.NDArray[np.uint8]
+
+NEWLINE = 10
+WORD = 8
+"""Characters."""
+
+_ONES = np.uint64(0x0101010101010101)
+_HIGH = np.uint64(0x8080808080808080)
+_ZEROS = np.uint64(0x3030303030303030)
+_NEWLINES = np.uint64(0x0A0A0A0A0A0A0A0A)
+
+
+@intrinsic
+def word_at(_typing: Any, text: Any, p: Any) -> tuple[Any, Any]:
+    """Return the eight characters of a text from `p` (uint64) on, wherever that is."""
+
+    def load(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        characters = context.make_array(signature.args[0])(context, builder, arguments[0])
+        place = builder.gep(characters.data, [arguments[1]])
+        return builder.load(builder.bitcast(place, IntType(64).as_pointer()), align=1)
+
+    return types.uint64(text, p), load
+
+
+@njit(cache=True, nogil=True)
+def first_of(word: np.uint64, count: int) -> np.uint64:
+    """Return a word of which only the first `count` characters, up to 8, are left; the others are no characters: 0."""
+    return word if count >= WORD else word & ((np.uint64(1) << np.uint64(8 * count)) - np.uint64(1))
+
+
+@njit(cache=True, nogil=True)
+def digits_of(word: np.uint64, count: int) -> np.uint64:
+    """Return the first `count` characters, up to 8, with the digit 0 in place of the others."""
+    return word if count >= WORD else first_of(word ^ _ZEROS, count) ^ _ZEROS
+
+
+@njit(cache=True, nogil=True)
+def decimal_word(word: np.uint64) -> tuple[np.uint64, bool]:
+    """Return the number that eight decimal digits are, and whether one is none."""
+    digits = word ^ _ZEROS
+    bad = (digits | digits + np.uint64(6) * _ONES) & np.uint64(0xF0F0F0F0F0F0F0F0) != np.uint64(0)
+    pairs = digits * np.uint64(10) + (digits >> np.uint64(8))
+    odd, even = pairs & np.uint64(0x000000FF000000FF), pairs >> np.uint64(16) & np.uint64(0x000000FF000000FF)
+    return (odd * np.uint64(0x000F424000000064) + even * np.uint64(0x0000271000000001)) >> np.uint64(32), bad
+
+
+@njit(cache=True, nogil=True)
+def hex_word(word: np.uint64) -> tuple[np.uint64, bool]:
+    """Return the four bytes that four pairs of hex digits are, the first one lowest, and whether a digit is none."""
+    letter = word >> np.uint64(6) & _ONES  # 1 where it is none of 0 to 9
+    above = (word | letter << np.uint64(5) | _HIGH) - (_ZEROS + letter * np.uint64(0x31))
+    value = above & ~_HIGH
+    within = (_ONES * np.uint64(9) - letter * np.uint64(4) | _HIGH) - value
+    bad = above & within & ~word & _HIGH != _HIGH
+    value += letter * np.uint64(10)
+    pairs = (value << np.uint64(4) | value >> np.uint64(8)) & np.uint64(0x00FF00FF00FF00FF)
+    pairs = (pairs | pairs >> np.uint64(8)) & np.uint64(0x0000FFFF0000FFFF)
+    return (pairs | pairs >> np.uint64(16)) & np.uint64(0xFFFFFFFF), bad
+
+
+@njit(cache=True, nogil=True)
+def line_ends(text: Text) -> npt.NDArray[np.int64]:
+    """Return the places of all line ends (LF)."""
+    ends, count, whole = np.empty(len(text), np.int64), 0, len(text) // WORD * WORD
+    for p in range(0, whole, WORD):
+        other = word_at(text, np.uint64(p)) ^ _NEWLINES
+        here = ~((other & ~_HIGH) + ~_HIGH | other | ~_HIGH)  # The highest bit of each byte that is one.
+        while here:
+            below = here - np.uint64(1) & ~here
+            ends[count] = p + np.int64((below & _ONES) * _ONES >> np.uint64(56)) - 1
+            count += 1
+            here &= here - np.uint64(1)
+    for p in range(whole, len(text)):
+        ends[count] = p
+        count += text[p] == NEWLINE
+    return ends[:count]
