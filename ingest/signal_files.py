@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -20,8 +21,8 @@ from .can.frames import ERROR, REMOTE, FrameBatch
 from .readers import FrameReader
 from .stamps import Stamps
 
-BUFFERED_BYTES = 16 << 20
-"""Of frames, that wait for being decoded: what is written at once compresses better and faster."""
+LOT_BYTES = 18 << 20
+"""Of frames that are decoded together: what is written at once compresses better and faster."""
 OTHER_BYTES = 17
 """Of a frame, beside its payload."""
 COLUMNS_BYTES = 8 << 20
@@ -71,47 +72,52 @@ def decode_log(reader: FrameReader, account: Account, database: Database, folder
     decoded = DecodedLog()
     decoders: dict[str, MessageDecoder] = {}
     writers: dict[str, pq.ParquetWriter] = {}
-    waiting: dict[str, list[FrameBatch]] = {}
-    buffered = 0
     # Arrow and compiled code run beside the reader's: while one lot is decoded and written, the next one is read.
     with ExitStack() as drafts, ThreadPoolExecutor(1) as thread:
-        writing: Future[None] | None = None
 
-        def write(lot: dict[str, list[FrameBatch]]) -> None:
-            for name, parts in lot.items():
-                frames, decoder, writer = FrameBatch.join(parts), decoders[name], writers[name]
+        def write(lot: list[FrameBatch]) -> None:
+            known, unknown = split_by_message(FrameBatch.join(lot), database)
+            for (identifier, extended), count in unknown.items():
+                decoded.unknown[f"0x{identifier:08X}x" if extended else f"0x{identifier:03X}"] += count
+            for layout, frames in known:
+                name = layout.name
+                if name not in writers:
+                    decoded.files[name] = path = signal_file(folder, log, name)
+                    decoder = decoders[name] = decoder_of(layout)
+                    schema = decoder.schema.with_metadata({**decoder.schema.metadata, "source": log, "clock": "logger"})
+                    writers[name] = drafts.enter_context(parquet_writer(drafts.enter_context(publish(path)), schema))
+                decoded.rows[name] += len(frames)
+                decoder, writer = decoders[name], writers[name]
                 size = max(COLUMNS_BYTES // (8 * len(decoder.schema)), 1)
                 for first in range(0, len(frames), size):
-                    rows = decode_message(decoder, frames.take(slice(first, first + size)))
-                    writer.write_batch(rows.replace_schema_metadata(writer.schema.metadata))
+                    columns = decode_message(decoder, frames.take(slice(first, first + size)))
+                    writer.write_batch(columns.replace_schema_metadata(writer.schema.metadata))
 
-        for batch in reader.batches(account):
-            if len(batch) == 0:
-                continue
-            _count(decoded, batch)
-            known, unknown = split_by_message(batch, database)
-            for (identifier, extended), frames in unknown.items():
-                decoded.unknown[f"0x{identifier:08X}x" if extended else f"0x{identifier:03X}"] += frames
-            for layout, part in known:
-                if layout.name not in writers:
-                    path = signal_file(folder, log, layout.name)
-                    decoder = decoders[layout.name] = decoder_of(layout)
-                    schema = decoder.schema.with_metadata({**decoder.schema.metadata, "source": log, "clock": "logger"})
-                    decoded.files[layout.name] = path
-                    draft = drafts.enter_context(publish(path))
-                    writers[layout.name] = drafts.enter_context(parquet_writer(draft, schema))
-                decoded.rows[layout.name] += len(part)
-                waiting.setdefault(layout.name, []).append(part)
-            buffered += batch.data.nbytes + len(batch) * OTHER_BYTES
-            if buffered > BUFFERED_BYTES:
-                if writing is not None:
-                    writing.result()
-                writing = thread.submit(write, waiting)
-                waiting, buffered = {}, 0
+        writing: Future[None] | None = None
+        for lot in _lots(reader.batches(account), decoded):
+            if writing is not None:
+                writing.result()
+            writing = thread.submit(write, lot)
         if writing is not None:
             writing.result()
-        write(waiting)
     return decoded
+
+
+def _lots(batches: Iterable[FrameBatch], decoded: DecodedLog) -> Iterator[list[FrameBatch]]:
+    """Yield batches, counted, so many at a time that their frames take about `LOT_BYTES`."""
+    lot: list[FrameBatch] = []
+    size = 0
+    for batch in batches:
+        if len(batch) == 0:
+            continue
+        _count(decoded, batch)
+        lot.append(batch)
+        size += batch.data.nbytes + len(batch) * OTHER_BYTES
+        if size >= LOT_BYTES:
+            yield lot
+            lot, size = [], 0
+    if lot:
+        yield lot
 
 
 def _count(decoded: DecodedLog, batch: FrameBatch) -> None:

@@ -18,6 +18,8 @@ GAP = 1_000_000_000
 """ns; no bus and no navigation unit of a car on the road is silent for so long."""
 STEP_BACK = 100_000_000
 """ns; loggers write frames of several buses out of order by less, and that is no harm."""
+STRETCH = 1 << 15
+"""Stamps looked at at once: what is made of them stays in the cache."""
 MOST_ALIKE = 250
 """Records; more on one stamp than a bus carries in 10 ms, the coarsest stamps of any logger."""
 
@@ -65,8 +67,10 @@ class Stamps:
 
     def add(self, time: Times) -> None:
         """Look at the next stamps, (n,) ns."""
-        if not len(time):
-            return
+        for begin in range(0, len(time), STRETCH):
+            self._add(time[begin : begin + STRETCH])
+
+    def _add(self, time: Times) -> None:
         first = self.start is None
         self.start = int(time.min()) if self.start is None else min(self.start, int(time.min()))
         self.stop = int(time.max()) if self.stop is None else max(self.stop, int(time.max()))

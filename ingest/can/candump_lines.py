@@ -20,7 +20,6 @@ from .text_fields import (
     ZERO,
     Numbers,
     Text,
-    Words,
     channel_of,
     clear,
     enter_payload,

@@ -7,7 +7,6 @@ from collections import Counter
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -51,7 +50,7 @@ def split_by_message(
         Messages that occur, in the database's order, each with its frames in the order of the batch; and how many
         frames no message stands for, by identifier and whether it is extended.
     """
-    from .signal_bits import rows_by_group
+    from .grouping import places_by_group
 
     messages = database.messages
     unknown, no_data = len(messages), len(messages) + 1
@@ -63,8 +62,8 @@ def split_by_message(
             here = np.flatnonzero(batch.channel == index)
             group[here] = find_messages(messages, batch.id[here], batch.extended[here], channel)
     group[batch.kind != DATA] = no_data
-    rows, begins = rows_by_group(group, no_data + 1)
-    ordered = batch.take(rows)
+    places, begins = places_by_group(group, no_data + 1)
+    ordered = batch.put(places)
     parts = [ordered.take(slice(*ends)) for ends in pairwise(begins.tolist())]
     identifiers = parts[unknown].id | parts[unknown].extended.astype(np.int64) << 32
     keys, frames = np.unique(identifiers, return_counts=True)
@@ -248,20 +247,15 @@ def _decode(decoder: MessageDecoder, data: npt.NDArray[np.uint8], length: npt.ND
 
     decoded = []
     for signal, kind, by_bits, column in zip(signals, decoder.kinds, decoder.by_bits, values, strict=False):
-        absent = absences[signal.name]
-        if not by_bits and absent is None:
-            decoded.append(pa.Array.from_buffers(kind, len(column), [None, pa.py_buffer(column)], 0))
-            continue
         if pa.types.is_fixed_size_binary(kind):
-            physical: npt.NDArray[Any] = _long_bits(signal, data)
-        elif by_bits:
-            physical = _physical(signal, column)
-        else:
-            physical = column.view(kind.to_pandas_dtype())
+            decoded.append(pa.array(_long_bits(signal, data), kind, mask=absences[signal.name]))
+            continue
+        physical, absent = _physical(signal, column) if by_bits else column, absences[signal.name]
         if signal.is_float:
             missing = np.isnan(physical)
             absent = missing if absent is None else absent | missing
-        decoded.append(pa.array(physical, kind, mask=absent))
+        present = None if absent is None else pa.py_buffer(np.packbits(~absent, bitorder="little"))
+        decoded.append(pa.Array.from_buffers(kind, len(column), [present, pa.py_buffer(physical)]))
     return decoded
 
 

@@ -56,6 +56,18 @@ class FrameBatch:
             of(self.length), of(self.data),
         )  # fmt: skip
 
+    def put(self, places: npt.NDArray[np.uint32]) -> FrameBatch:
+        """Return all frames, each at its place among them."""
+        from .grouping import put
+
+        words = np.ascontiguousarray(self.data).view(np.uint64)
+        words = put(words[:, 0] if words.shape[1] == 1 else words, places)
+        return FrameBatch(
+            put(self.time, places), put(self.channel, places), self.channels, put(self.id, places),
+            put(self.extended, places), put(self.fd, places), put(self.kind, places), put(self.length, places),
+            words.view(np.uint8).reshape(self.data.shape),
+        )  # fmt: skip
+
     @staticmethod
     def join(batches: Sequence[FrameBatch]) -> FrameBatch:
         """Return the frames of at least one batch, one batch behind the other."""

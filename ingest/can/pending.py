@@ -8,7 +8,7 @@ import numpy as np
 
 from .frames import FrameBatch
 
-BATCH = 1 << 18
+BATCH = 3 << 18
 """Frames of a batch, at most."""
 
 

@@ -14,29 +14,8 @@ BITS, INTEGER, NUMBER = range(3)
 FIRST, LENGTH, BIG_ENDIAN, SIGNED, KIND = range(5)
 """The columns of `places`."""
 
-
-@njit(cache=True, nogil=True)
-def rows_by_group(group: npt.NDArray[np.uint16], groups: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Return the rows ordered by their group, ascending within each, and where each group begins among them.
-
-    Args:
-        group: (n,), below `groups`.
-        groups: How many there are.
-
-    Returns:
-        (n,) and (`groups` + 1,).
-    """
-    begins = np.zeros(groups + 1, np.intp)
-    for k in range(len(group)):
-        begins[np.intp(group[k]) + 1] += 1
-    for number in range(groups):
-        begins[number + 1] += begins[number]
-    rows, place = np.empty(len(group), np.intp), begins.copy()
-    for k in range(len(group)):
-        own = np.intp(group[k])
-        rows[place[own]] = k
-        place[own] += 1
-    return rows, begins
+_STRETCH = 1024
+"""Rows at a time: all that is known of them stays in the nearest cache."""
 
 
 @njit(cache=True, nogil=True)
@@ -47,6 +26,58 @@ def _reversed(word: np.uint64) -> np.uint64:
         word >> np.uint64(16) & np.uint64(0x0000FFFF0000FFFF)
     )
     return word << np.uint64(32) | word >> np.uint64(32)
+
+
+@njit(cache=True, nogil=True)
+def _align(little: Words, big: Words, place: npt.NDArray[np.int64], left: Words) -> None:
+    """Fill `left` with words whose most significant bits are a signal; what follows them may be anything."""
+    first, length, n = place[FIRST], place[LENGTH], len(left)
+    word, shift = first // 64, first % 64
+    beyond = shift + length - 64
+    if first + length > 64 * len(little):
+        left[:] = 0
+    elif place[BIG_ENDIAN]:
+        up = np.uint64(shift)
+        for k in range(n):
+            left[k] = big[word, k] << up
+        for k in range(n if beyond > 0 else 0):
+            left[k] |= big[word + 1, k] >> np.uint64(64 - shift)
+    elif beyond > 0:
+        for k in range(n):
+            joined = little[word, k] >> np.uint64(shift) | little[word + 1, k] << np.uint64(64 - shift)
+            left[k] = joined << np.uint64(64 - length)
+    else:
+        up = np.uint64(-beyond)
+        for k in range(n):
+            left[k] = little[word, k] << up
+
+
+@njit(cache=True, nogil=True)
+def _convert(
+    left: Words, place: npt.NDArray[np.int64], number: npt.NDArray[np.float64], integer: Words, values: Words
+) -> None:
+    """Fill `values` with those of a signal that stands at the most significant bits of `left`."""
+    signed, kind, n, spare = place[SIGNED], place[KIND], len(left), 64 - place[LENGTH]
+    floats, scale, offset = values.view(np.float64), number[0], number[1]
+    if kind == NUMBER and signed:
+        for k in range(n):
+            floats[k] = np.float64(np.int64(left[k]) >> np.int64(spare)) * scale + offset
+    elif kind == NUMBER and spare > 0:
+        # Without its sign a number of less than 64 bits is one with a sign, too, and that is converted faster.
+        for k in range(n):
+            floats[k] = np.float64(np.int64(left[k] >> np.uint64(spare))) * scale + offset
+    elif kind == NUMBER:
+        for k in range(n):
+            floats[k] = np.float64(left[k]) * scale + offset
+    elif signed and kind == INTEGER:
+        for k in range(n):
+            values[k] = np.uint64(np.int64(left[k]) >> np.int64(spare)) * integer[0] + integer[1]
+    elif kind == INTEGER:
+        for k in range(n):
+            values[k] = (left[k] >> np.uint64(spare)) * integer[0] + integer[1]
+    else:
+        for k in range(n):
+            values[k] = left[k] >> np.uint64(spare)
 
 
 @njit(cache=True, nogil=True)
@@ -69,51 +100,17 @@ def columns(
         (signals, n): of `NUMBER` the bits of float64, of `INTEGER` those of int64 or uint64.
     """
     n, width = payloads.shape
-    little, big = np.empty((width, n), np.uint64), np.empty((width, n), np.uint64)
-    for word in range(width):
-        for k in range(n):
-            little[word, k] = payloads[k, word]
-            big[word, k] = _reversed(little[word, k])
     values = np.empty((len(places), n), np.uint64)
-    floats = values.view(np.float64)
-    left = np.empty(n, np.uint64)
-    for s in range(len(places)):
-        first, length, signed, kind = places[s, FIRST], places[s, LENGTH], places[s, SIGNED], places[s, KIND]
-        word, shift = first // 64, first % 64
-        up, beyond = np.uint64(shift if places[s, BIG_ENDIAN] else 64 - shift - length), shift + length - 64
-        # Every signal begins at the most significant bit of `left`.
-        if first + length > 64 * width:
-            left[:] = 0
-        elif places[s, BIG_ENDIAN] and beyond > 0:
-            for k in range(n):
-                left[k] = big[word, k] << up | big[word + 1, k] >> np.uint64(64 - shift)
-        elif places[s, BIG_ENDIAN]:
-            for k in range(n):
-                left[k] = big[word, k] << up
-        elif beyond > 0:
-            for k in range(n):
-                joined = little[word, k] >> np.uint64(shift) | little[word + 1, k] << np.uint64(64 - shift)
-                left[k] = joined << np.uint64(64 - length)
-        else:
-            for k in range(n):
-                left[k] = little[word, k] << up
-        spare, scale, offset = 64 - length, numbers[s, 0], numbers[s, 1]
-        if kind == NUMBER and (signed or spare > 0):
-            # Without its sign a number of less than 64 bits is one with a sign, too, and that is converted faster.
-            for k in range(n):
-                raw = np.int64(left[k]) >> np.int64(spare) if signed else np.int64(left[k] >> np.uint64(spare))
-                floats[s, k] = np.float64(raw) * scale + offset
-        elif kind == NUMBER:
-            for k in range(n):
-                floats[s, k] = np.float64(left[k]) * scale + offset
-        elif signed and kind == INTEGER:
-            for k in range(n):
-                modulo = np.uint64(np.int64(left[k]) >> np.int64(spare))
-                values[s, k] = modulo * integers[s, 0] + integers[s, 1]
-        elif kind == INTEGER:
-            for k in range(n):
-                values[s, k] = (left[k] >> np.uint64(spare)) * integers[s, 0] + integers[s, 1]
-        else:
-            for k in range(n):
-                values[s, k] = left[k] >> np.uint64(spare)
+    little, big = np.empty((width, _STRETCH), np.uint64), np.empty((width, _STRETCH), np.uint64)
+    left = np.empty(_STRETCH, np.uint64)
+    for begin in range(0, n, _STRETCH):
+        size = min(_STRETCH, n - begin)
+        for k in range(size):
+            for word in range(width):
+                little[word, k] = payloads[begin + k, word]
+                big[word, k] = _reversed(little[word, k])
+        for s in range(len(places)):
+            place = places[s]
+            _align(little, big, place, left[:size])
+            _convert(left[:size], place, numbers[s], integers[s], values[s, begin : begin + size])
     return values

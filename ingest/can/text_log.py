@@ -15,9 +15,9 @@ from ..content import blocks
 from ..text import LONGEST_LINE, quote
 from .frames import FrameBatch
 
-BATCH = 1 << 18
+BATCH = 3 << 18
 """Frames of a batch, at most."""
-BLOCK = 1 << 20
+BLOCK = 1 << 18
 """Bytes of text looked at at once."""
 LONGEST_NAME = 32
 MOST_CHANNELS = 256

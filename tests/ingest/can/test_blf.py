@@ -470,7 +470,8 @@ def test_what_python_can_wrote(tmp_path: Path, messages: list[can.Message], leve
     assert (account.rejected, account.truncated) == (0, False)
 
 
-def test_batches_are_bounded(tmp_path: Path) -> None:
+def test_batches_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("wheelprint.ingest.can.pending.BATCH", 1 << 18)
     path = tmp_path / "long.blf"
     path.write_bytes(header() + container(b"".join(map(classic, range(3000)))) * 100)
     lengths = [len(batch) for batch in Blf(path).batches(Account())]
