@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
 from .frames import DATA, ERROR, REMOTE
+
+Content = npt.NDArray[np.uint8]
 
 CHANNEL_NUMBERS = 1 << 16
 MOST_CHANNELS = 256
@@ -19,6 +23,9 @@ GAP = 8
 NO_OBJECT, SIZE, ASTRAY, CUT_OBJECT, VERSION, SHORT, UNIT, TIME_RANGE, CLASSIC_LENGTH = range(1, 10)
 FD_LENGTH, STANDARD_RANGE, CHANNELS, OFFSET = range(10, 14)
 
+GOOD, MORE = 0, -1
+"""There is nothing wrong; more has to be read first."""
+
 # Why `scan` came back.
 CUT, FULL, WIDE, REJECTIONS = range(4)
 
@@ -29,23 +36,23 @@ _LAST_TIME = (1 << 63) - 1
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _u16(content: npt.NDArray[np.uint8], p: int) -> int:
+def _u16(content: Content, p: int) -> int:
     return int(np.int64(content[p]) | np.int64(content[p + 1]) << 8)
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _u32(content: npt.NDArray[np.uint8], p: int) -> int:
+def _u32(content: Content, p: int) -> int:
     return int(_u16(content, p) | _u16(content, p + 2) << 16)
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _begins(content: npt.NDArray[np.uint8], p: int) -> bool:
+def _begins(content: Content, p: int) -> bool:
     """Tell whether `LOBJ` stands at `p`."""
     return bool(content[p] == 76 and content[p + 1] == 79 and content[p + 2] == 66 and content[p + 3] == 74)
 
 
 @njit(cache=True, nogil=True)
-def _find(content: npt.NDArray[np.uint8], p: int, stop: int) -> int:
+def _find(content: Content, p: int, stop: int) -> int:
     """Return where the first object at or after `p` and before `stop` begins, or -1."""
     for k in range(p, min(stop, len(content) - 3)):
         if _begins(content, k):
@@ -55,7 +62,7 @@ def _find(content: npt.NDArray[np.uint8], p: int, stop: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _parse_payload(
-    content: npt.NDArray[np.uint8], kind: int, p: int, start: int, stop: int
+    content: Content, kind: int, p: int, start: int, stop: int
 ) -> tuple[int, int, int, int, bool, int, int, int]:
     """Parse the object of type `kind` from `start` to `stop` whose header ends at `p`.
 
@@ -120,21 +127,73 @@ def _parse_payload(
 
 
 @njit(cache=True, nogil=True)
+def _seek(content: Content, position: int, last: bool, lost: bool) -> tuple[int, int]:
+    """Return a code and a place: where the next object begins; with `MORE` where to go on when there is more."""
+    end = len(content)
+    start = _find(content, position, end if lost else position + GAP)
+    if start >= 0:
+        return GOOD, start
+    if lost:
+        return MORE, end if last else max(position, end - 3)
+    if not last and end - position < GAP + 3:
+        return MORE, position
+    padding = end - position < GAP
+    for k in range(position, end if padding else position):
+        padding = padding and content[k] == 0
+    return (MORE, end) if padding else (NO_OBJECT, position)
+
+
+@njit(cache=True, nogil=True)
+def _is_frame(kind: int) -> bool:
+    return (
+        _CAN_MESSAGE <= kind <= _CAN_OVERLOAD
+        or _CAN_FD_MESSAGE <= kind <= _CAN_FD_MESSAGE_64
+        or kind in (_CAN_ERROR_EXT, _CAN_MESSAGE2, _CAN_FD_ERROR_64)
+    )
+
+
+@njit(cache=True, nogil=True)
+def _extent(content: Content, start: int, last: bool) -> tuple[int, int, int]:
+    """Return of the object that begins at `start`: code (`MORE`: it is not whole yet), type, and where it stops."""
+    end = len(content)
+    if end - start < 16:
+        return CUT_OBJECT if last else MORE, 0, start
+    kind, stop = _u32(content, start + 12), start + _u32(content, start + 8)
+    if not 16 <= stop - start <= (LONGEST_FRAME_OBJECT if _is_frame(kind) else LONGEST_OBJECT):
+        return SIZE, kind, stop
+    if stop > end:
+        return CUT_OBJECT if last else MORE, kind, stop
+    if end - stop >= GAP + 3 and _find(content, stop, stop + GAP) < 0:
+        return ASTRAY, kind, stop
+    return GOOD, kind, stop
+
+
+@njit(cache=True, nogil=True)
+def _parse_header(content: Content, start: int, stop: int, origin: int) -> tuple[int, int, int]:
+    """Parse the header of a frame's object; return code, where it ends, and the frame's stamp in ns since 1970."""
+    header, version = _u16(content, start + 4), _u16(content, start + 6)
+    if version not in (1, 2):
+        return VERSION, start, 0
+    if header < 24 + 8 * version or start + header > stop:
+        return SHORT, start, 0
+    flags, low, high = _u32(content, start + 16), _u32(content, start + 24), _u32(content, start + 28)
+    unit = 1 if flags & 2 else 10_000 if flags & 1 else 0
+    if unit == 0:
+        return UNIT, start, 0
+    if high >= 1 << 31 or (high << 32 | low) > (_LAST_TIME - origin) // unit:
+        return TIME_RANGE, start, 0
+    return GOOD, start + header, origin + unit * (high << 32 | low)
+
+
+@njit(cache=True, nogil=True)
 def scan(
-    content: npt.NDArray[np.uint8],
+    content: Content,
     position: int,
     last: bool,
     lost: bool,
     origin: int,
     count: int,
-    time: npt.NDArray[np.int64],
-    channel: npt.NDArray[np.int16],
-    identifier: npt.NDArray[np.uint32],
-    extended: npt.NDArray[np.bool_],
-    fd: npt.NDArray[np.bool_],
-    sort: npt.NDArray[np.uint8],
-    length: npt.NDArray[np.uint8],
-    data: npt.NDArray[np.uint8],
+    arrays: tuple[npt.NDArray[Any], ...],
     numbers: npt.NDArray[np.int16],
     known: int,
     rejected: npt.NDArray[np.int64],
@@ -148,14 +207,7 @@ def scan(
         lost: Where the next object begins is not known; what stands before it was rejected already.
         origin: Time of the recording's start, in ns since 1970.
         count: Frames that the arrays hold already.
-        time: The arrays of a `FrameBatch`, from here to `data`: (capacity,); `data`: zeros from row `count` on.
-        channel: See `time`.
-        identifier: See `time`.
-        extended: See `time`.
-        fd: See `time`.
-        sort: See `time`.
-        length: See `time`.
-        data: (capacity, 8) or (capacity, 64).
+        arrays: Those of `PendingFrames`.
         numbers: (`CHANNEL_NUMBERS`,), index of each channel number, -1 where it is not known; new ones are entered.
         known: Channels that are entered already.
         rejected: (n, 3), a row is filled for each rejected object: where it begins, the code, its type.
@@ -164,95 +216,46 @@ def scan(
         position, lost, count, known, rejected objects, and why it ended: `CUT` no whole object is left, `FULL` the
         batch is, `WIDE` a payload needs 64 columns, `REJECTIONS` their array is full.
     """
-    rejections, end = 0, len(content)
+    time, channel, identifier, extended, fd, sort, length, data = arrays
+    rejections = 0
     while count < len(time):
         if rejections == len(rejected):
             return position, lost, count, known, rejections, REJECTIONS
-        start = _find(content, position, end if lost else position + GAP)
-        if start < 0 and lost:
-            return (end if last else max(position, end - 3)), lost, count, known, rejections, CUT
-        if start < 0 and not last and end - position < GAP + 3:
+        code, position = _seek(content, position, last, lost)
+        kind, stop, found = 0, position, code == GOOD
+        if found:
+            lost = False
+            code, kind, stop = _extent(content, position, last)
+        if code == MORE:
             return position, lost, count, known, rejections, CUT
-        if start < 0:
-            padding = end - position < GAP
-            for k in range(position, end if padding else position):
-                padding = padding and content[k] == 0
-            if padding:
-                return end, lost, count, known, rejections, CUT
-            rejected[rejections, 0], rejected[rejections, 1], rejected[rejections, 2] = position, NO_OBJECT, 0
+        if code != GOOD:
+            rejected[rejections, 0], rejected[rejections, 1], rejected[rejections, 2] = position, code, kind
             rejections += 1
-            lost = True
+            position, lost = position + 4 * found, True
             continue
-        position, lost = start, False
-        if end - start < 16 and not last:
-            return position, lost, count, known, rejections, CUT
-        code, kind, stop = CUT_OBJECT, 0, start + 4
-        is_frame = False
-        if end - start >= 16:
-            code, kind, stop = 0, _u32(content, start + 12), start + _u32(content, start + 8)
-            is_frame = (
-                _CAN_MESSAGE <= kind <= _CAN_OVERLOAD
-                or _CAN_FD_MESSAGE <= kind <= _CAN_FD_MESSAGE_64
-                or kind in (_CAN_ERROR_EXT, _CAN_MESSAGE2, _CAN_FD_ERROR_64)
-            )
-            if not 16 <= stop - start <= (LONGEST_FRAME_OBJECT if is_frame else LONGEST_OBJECT):
-                code = SIZE
-            elif stop > end:
-                if not last:
-                    return position, lost, count, known, rejections, CUT
-                code = CUT_OBJECT
-            elif end - stop >= GAP + 3 and _find(content, stop, stop + GAP) < 0:
-                code = ASTRAY
-        if code != 0:
-            rejected[rejections, 0], rejected[rejections, 1], rejected[rejections, 2] = start, code, kind
-            rejections += 1
-            position, lost = start + 4, True
-            continue
-        if not is_frame:
+        if not _is_frame(kind):
             position = stop
             continue
-
-        number, bits, what, is_fd, size, place, present, stamp = 0, 0, DATA, False, 0, 0, 0, 0
-        header, version = _u16(content, start + 4), _u16(content, start + 6)
-        if version not in (1, 2):
-            code = VERSION
-        elif header < 24 + 8 * version or start + header > stop:
-            code = SHORT
-        if code == 0:
-            flags, low, high = _u32(content, start + 16), _u32(content, start + 24), _u32(content, start + 28)
-            unit = 1 if flags & 2 else 10_000 if flags & 1 else 0
-            if unit == 0:
-                code = UNIT
-            elif high >= 1 << 31 or (high << 32 | low) > (_LAST_TIME - origin) // unit:
-                code = TIME_RANGE
-            else:
-                stamp = origin + unit * (high << 32 | low)
-        if code == 0:
-            code, number, bits, what, is_fd, size, place, present = _parse_payload(
-                content, kind, start + header, start, stop
-            )
-        if code == 0 and what != ERROR and bits & 0x80000000 == 0 and bits & 0x1FFFFFFF > 0x7FF:
+        number, bits, what, is_fd, size, place, present = 0, 0, DATA, False, 0, 0, 0
+        code, place, stamp = _parse_header(content, position, stop, origin)
+        if code == GOOD:
+            code, number, bits, what, is_fd, size, place, present = _parse_payload(content, kind, place, position, stop)
+        if code == GOOD and what != ERROR and bits & 0x80000000 == 0 and bits & 0x1FFFFFFF > 0x7FF:
             code = STANDARD_RANGE
-        if code == 0 and numbers[number] < 0:
-            if known == MOST_CHANNELS:
-                code = CHANNELS
-            else:
-                numbers[number] = known
-                known += 1
-        if code != 0:
-            rejected[rejections, 0], rejected[rejections, 1], rejected[rejections, 2] = start, code, kind
+        if code == GOOD and numbers[number] < 0 and known == MOST_CHANNELS:
+            code = CHANNELS
+        if code != GOOD:
+            rejected[rejections, 0], rejected[rejections, 1], rejected[rejections, 2] = position, code, kind
             rejections += 1
             position = stop
             continue
+        if numbers[number] < 0:
+            numbers[number] = known
+            known += 1
         if size > data.shape[1]:
             return position, lost, count, known, rejections, WIDE
-        time[count] = stamp
-        channel[count] = numbers[number]
-        identifier[count] = bits & 0x1FFFFFFF
-        extended[count] = bits & 0x80000000 != 0
-        fd[count] = is_fd
-        sort[count] = what
-        length[count] = size
+        time[count], channel[count], identifier[count] = stamp, numbers[number], bits & 0x1FFFFFFF
+        extended[count], fd[count], sort[count], length[count] = bits & 0x80000000 != 0, is_fd, what, size
         for k in range(present):
             data[count, k] = content[place + k]
         count += 1
