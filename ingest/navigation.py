@@ -75,11 +75,16 @@ def local_position(latitude: Values, longitude: Values, altitude: Values, origin
     Returns:
         x and y, (n,) m; NaN where latitude or longitude is.
     """
-    from pymap3d import geodetic2enu
+    from .motion import east_north
 
-    altitude = np.where(np.isnan(altitude), origin.altitude, altitude)
-    x, y, _ = geodetic2enu(latitude, longitude, altitude, origin.latitude, origin.longitude, origin.altitude)
+    place = (origin.latitude, origin.longitude, origin.altitude)
+    x, y = east_north(_contiguous(latitude), _contiguous(longitude), _contiguous(altitude), place)
     return x, y
+
+
+def _contiguous(values: Values) -> Values:
+    """Return values in the one form that is compiled for."""
+    return np.ascontiguousarray(values, np.float64)
 
 
 def anticlockwise_from_east(bearing: Values) -> Values:
@@ -98,9 +103,10 @@ def horizontal_motion(north: Values, east: Values) -> tuple[Values, Values]:
         Speed, m/s, and direction of travel, deg anticlockwise from east in [-180, 180), NaN where the speed is below
         `SLOWEST_COURSE`.
     """
-    speed = np.hypot(north, east)
-    course = wrap_degrees(np.degrees(np.arctan2(north, east)))
-    return speed, np.where(speed >= SLOWEST_COURSE, course, np.nan)
+    from .motion import horizontal
+
+    speed, course = horizontal(_contiguous(north), _contiguous(east), SLOWEST_COURSE)
+    return speed, course
 
 
 def remove_gravity(specific_force: Values, pitch: Values, roll: Values) -> tuple[Values, Values]:
@@ -119,11 +125,10 @@ def remove_gravity(specific_force: Values, pitch: Values, roll: Values) -> tuple
     Returns:
         Longitudinal and lateral acceleration, (n,) m/s², positive forwards and to the left.
     """
-    level = np.isnan(pitch) | np.isnan(roll)
-    pitch, roll = np.where(level, 0.0, pitch), np.where(level, 0.0, roll)
-    forward = specific_force[:, 0] - GRAVITY * np.sin(pitch)
-    right = specific_force[:, 1] + GRAVITY * np.cos(pitch) * np.sin(roll)
-    return forward, -right
+    from .motion import without_gravity
+
+    forward, left = without_gravity(_contiguous(specific_force), _contiguous(pitch), _contiguous(roll), GRAVITY)
+    return forward, left
 
 
 def inertial_signals(
@@ -262,15 +267,16 @@ def navigation_batches(
         chosen = chosen[kept]
         if len(chosen):
             last = int(samples.time[chosen[-1]])
-            signals = {name: values[chosen] for name, values in samples.signals.items()}
+            rows = slice(None) if len(chosen) == len(samples.time) else chosen
+            signals = {name: values[rows] for name, values in samples.signals.items()}
             if origin is not None:
                 latitude, longitude, altitude = _position(signals)
                 signals["x"], signals["y"] = local_position(latitude, longitude, altitude, origin)
-            yield navigation_batch(samples.time[chosen], signals, metadata)
+            yield navigation_batch(samples.time[rows], signals, metadata)
 
 
 def _position(signals: Mapping[str, npt.NDArray[np.generic]]) -> tuple[Values, ...]:
-    return tuple(signals[name].astype(np.float64) for name in ("latitude", "longitude", "altitude"))
+    return tuple(signals[name].astype(np.float64, copy=False) for name in ("latitude", "longitude", "altitude"))
 
 
 def _first_position(samples: Samples) -> Origin | None:
@@ -314,10 +320,15 @@ def navigation_batch(
     columns = [pa.array(time, NAVIGATION.field("time").type)]
     for name in NAV_SIGNALS:
         kind = NAVIGATION.field(name).type
-        columns.append(
-            pa.array(signals[name], from_pandas=True).cast(kind) if name in signals else pa.nulls(len(time), kind)
-        )
+        columns.append(_column(signals[name], kind) if name in signals else pa.nulls(len(time), kind))
     return pa.RecordBatch.from_arrays(columns, schema=NAVIGATION.with_metadata(dict(metadata)))
+
+
+def _column(values: npt.NDArray[np.generic], kind: pa.DataType) -> pa.Array:
+    """Return values as a column, null where they are NaN; they are copied only where something has to be changed."""
+    if values.dtype == np.float64 and kind == pa.float64() and not np.isnan(values).any():
+        return pa.Array.from_buffers(kind, len(values), [None, pa.py_buffer(np.ascontiguousarray(values))])
+    return pa.array(values, from_pandas=True).cast(kind)
 
 
 def origin_metadata(origin: Origin | None) -> str:

@@ -137,7 +137,7 @@ def packet_samples(packets: NcomPackets, accuracy: npt.NDArray[np.float64], doub
     """
     from ..navigation import Samples, inertial_signals, is_on_earth
 
-    valid = np.isin(packets.status, (layout.LOCKING, layout.LOCKED))
+    valid = (packets.status == layout.LOCKING) | (packets.status == layout.LOCKED)
 
     def where_valid(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         if valid.all():
@@ -168,9 +168,8 @@ def packet_samples(packets: NcomPackets, accuracy: npt.NDArray[np.float64], doub
 
 def position_accuracy(packets: NcomPackets, held: float) -> npt.NDArray[np.float64]:
     """Return for each packet the horizontal accuracy, m, that status channel 3 told last; `held` before the first."""
-    telling = np.flatnonzero(
-        layout.holds_channel(packets.status) & (packets.channel == layout.POSITION_ACCURACY_CHANNEL)
-    )
+    telling = np.flatnonzero(packets.channel == layout.POSITION_ACCURACY_CHANNEL)
+    telling = telling[layout.holds_channel(packets.status[telling])]
     batch = packets.batch[telling]
     deviations = batch[:, :4].view("<u2") * 1e-3
     told = np.where(batch[:, 6] < layout.TOO_OLD, np.hypot(deviations[:, 0], deviations[:, 1]), np.nan)

@@ -1,4 +1,4 @@
-"""The 24-bit fields and the checksums of NCOM packets, compiled: import it where it is used, numba is heavy."""
+"""The 24-bit fields of NCOM packets, compiled: import it where it is used, numba is heavy."""
 
 from __future__ import annotations
 
@@ -13,16 +13,13 @@ _FIELDS = ((3, ACCELERATION), (12, ANGULAR_RATE), (43, VELOCITY), (52, ORIENTATI
 
 
 @njit(cache=True, nogil=True)
-def vectors(
-    raw: npt.NDArray[np.uint8],
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Return of packets (n, 72) acceleration, angular rate, velocity and orientation, and which checksums are right.
+def vectors(raw: npt.NDArray[np.uint8]) -> npt.NDArray[np.float64]:
+    """Return acceleration, angular rate, velocity and orientation of packets (n, 72).
 
     Returns:
-        (4, n, 3) in m/s², rad/s, m/s and rad, NaN where invalid; whether checksum 1 is right; and checksum 2.
+        (4, n, 3) in m/s², rad/s, m/s and rad, NaN where invalid.
     """
     values = np.empty((4, len(raw), 3), np.float64)
-    first, second = np.empty(len(raw), np.bool_), np.empty(len(raw), np.bool_)
     for packet in range(len(raw)):
         octets = raw[packet]
         for field in range(4):
@@ -32,11 +29,4 @@ def vectors(
                 low, middle = np.int32(octets[place]), np.int32(octets[place + 1])
                 count = low | middle << 8 | np.int32(np.int8(octets[place + 2])) << 16
                 values[field, packet, axis] = np.nan if count == INVALID else count / per_unit
-        total = np.uint8(0)
-        for place in range(1, 22):
-            total += octets[place]
-        first[packet] = np.uint8(total) == octets[22]
-        for place in range(22, 61):
-            total += octets[place]
-        second[packet] = np.uint8(total) == octets[61]
-    return values, first, second
+    return values

@@ -21,8 +21,7 @@ BATCH = 65_536
 BLOCK = 1 << 24
 """Bytes searched at once."""
 _MILLISECONDS, _STATUS, _CHANNEL, _MINUTE, _UTC = slice(0, 2), 2, 3, slice(4, 8), 8
-_HEAD = np.array([1, 2, 21, 62, 63, 64, 65, 66, 70])
-"""The bytes of a packet that tell its time and those of its neighbours; above, where each is found among them."""
+"""Where each is found among the bytes `ncom_sync.HEAD`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +45,7 @@ class NcomPackets:
         orientation: (n, 3) rad, heading (clockwise from north), pitch (nose up), roll (right side down).
         channel: uint8 (n,), status channel.
         batch: uint8 (n, 8), the status channel's content ("batch S").
-        checksum1: bool (n,), whether checksum 1 (of bytes 1 to 21) is right. Checksum 3 of all of them is.
-        checksum2: bool (n,), whether checksum 2 (of bytes 1 to 60) is right.
+        raw: uint8 (n, 72), the packets themselves.
     """
 
     offset: npt.NDArray[np.int64]
@@ -64,11 +62,20 @@ class NcomPackets:
     orientation: npt.NDArray[np.float64]
     channel: npt.NDArray[np.uint8]
     batch: npt.NDArray[np.uint8]
-    checksum1: npt.NDArray[np.bool_]
-    checksum2: npt.NDArray[np.bool_]
+    raw: npt.NDArray[np.uint8]
 
     def __len__(self) -> int:
         return len(self.offset)
+
+    @property
+    def checksum1(self) -> npt.NDArray[np.bool_]:
+        """Whether checksum 1 (of bytes 1 to 21) is right, (n,). Checksum 3 of all of them is."""
+        return layout.checksum(self.raw, 22) == self.raw[:, 22]
+
+    @property
+    def checksum2(self) -> npt.NDArray[np.bool_]:
+        """Whether checksum 2 (of bytes 1 to 60) is right, (n,)."""
+        return layout.checksum(self.raw, 61) == self.raw[:, 61]
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,14 +149,14 @@ def _forget(mapped: mmap | None) -> None:
 
 
 def _find(data: npt.NDArray[np.uint8], mapped: mmap | None) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.uint8]]:
-    """Return the offsets (n,) of all packets, and of each the bytes `_HEAD` (n, 9)."""
-    from .ncom_sync import find_packets
+    """Return the offsets (n,) of all packets, and of each the bytes `ncom_sync.HEAD` (n, 9)."""
+    from .ncom_sync import HEAD, find_packets
 
-    offsets, heads, place = [np.empty(0, np.int64)], [np.empty((0, len(_HEAD)), np.uint8)], 0
+    offsets, heads, place = [np.empty(0, np.int64)], [np.empty((0, len(HEAD)), np.uint8)], 0
     while len(data) - place >= layout.LENGTH:
-        found, searched = find_packets(data[place : place + BLOCK])
+        found, head_of, searched = find_packets(data[place : place + BLOCK])
         offsets.append(found + place)
-        heads.append(data[offsets[-1][:, None] + _HEAD])
+        heads.append(head_of)
         place += searched
         _forget(mapped)
     return np.concatenate(offsets), np.concatenate(heads)
@@ -208,7 +215,7 @@ def decode_packets(
     from .ncom_fields import vectors
 
     fields = raw.view(layout.PACKET)[:, 0]
-    (acceleration, angular_rate, velocity, orientation), checksum1, checksum2 = vectors(raw)
+    acceleration, angular_rate, velocity, orientation = vectors(raw)
     with np.errstate(invalid="ignore"):  # A signalling NaN among damaged altitudes is just another NaN.
         altitude = fields["altitude"].astype(np.float64)
     return NcomPackets(
@@ -226,6 +233,5 @@ def decode_packets(
         orientation=orientation,
         channel=fields["channel"].copy(),
         batch=fields["batch"].copy(),
-        checksum1=checksum1,
-        checksum2=checksum2,
+        raw=raw,
     )

@@ -93,7 +93,10 @@ def stamp_packets(
     gps *= 1_000_000
     if len(utc_offsets.packet):
         ahead = GPS_EPOCH + utc_offsets.value * 1_000_000_000
-        gps += ahead[np.maximum(np.searchsorted(utc_offsets.packet, packets, "right") - 1, 0)]
+        if (ahead == ahead[0]).all():
+            gps += ahead[0]
+        else:
+            gps += ahead[np.maximum(np.searchsorted(utc_offsets.packet, packets, "right") - 1, 0)]
         utc = gps
     else:
         utc = gps_to_utc(gps)
