@@ -23,21 +23,23 @@ def horizontal(north: Values, east: Values, slowest: float) -> tuple[Values, Val
     """Return speed, and course in deg anticlockwise from east where the speed is not below `slowest`."""
     speed, course = np.empty(len(north)), np.empty(len(north))
     for k in range(len(north)):
-        speed[k] = math.hypot(north[k], east[k])
+        speed[k] = math.sqrt(north[k] * north[k] + east[k] * east[k])
         angle = math.atan2(north[k], east[k]) * DEGREES
         course[k] = math.nan if not speed[k] >= slowest else -180.0 if angle >= 180.0 else angle
     return speed, course
 
 
 @njit(cache=True, nogil=True)
-def without_gravity(force: Values, pitch: Values, roll: Values, gravity: float) -> tuple[Values, Values]:
-    """Return the acceleration forwards and to the left of specific forces (n, 3); NaN among the angles means level."""
-    forward, left = np.empty(len(force)), np.empty(len(force))
-    for k in range(len(force)):
+def without_gravity(
+    along: Values, across: Values, pitch: Values, roll: Values, gravity: float
+) -> tuple[Values, Values]:
+    """Return acceleration forwards and to the left of specific forces; NaN among the angles means level."""
+    forward, left = np.empty(len(along)), np.empty(len(along))
+    for k in range(len(along)):
         level = math.isnan(pitch[k]) or math.isnan(roll[k])
         up, down = (0.0, 0.0) if level else (pitch[k], roll[k])
-        forward[k] = force[k, 0] - gravity * math.sin(up)
-        left[k] = -(force[k, 1] + gravity * math.cos(up) * math.sin(down))
+        forward[k] = along[k] - gravity * math.sin(up)
+        left[k] = -(across[k] + gravity * math.cos(up) * math.sin(down))
     return forward, left
 
 

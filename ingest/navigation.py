@@ -127,7 +127,8 @@ def remove_gravity(specific_force: Values, pitch: Values, roll: Values) -> tuple
     """
     from .motion import without_gravity
 
-    forward, left = without_gravity(_contiguous(specific_force), _contiguous(pitch), _contiguous(roll), GRAVITY)
+    along, across, _ = specific_force.T
+    forward, left = without_gravity(*map(_contiguous, (along, across, pitch, roll)), GRAVITY)
     return forward, left
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from ..words import word_at
 from .frames import DATA, ERROR, REMOTE
 from .text_fields import (
     BLANK,
@@ -31,7 +32,7 @@ from .text_fields import (
 )
 from .text_log import CHANNELS as CHANNEL_COUNT
 from .text_log import FRAME, FRAMES, LONGEST, LONGEST_NAME, Found
-from .text_words import WORD, decimal_word, digits_of, first_of, hex_word, word_at
+from .text_words import WORD, decimal_word, digits_of, first_of, hex_word
 
 LONGEST_LINE = 4096
 LONGEST_FRAME = 2 + 20 + 1 + LONGEST_NAME + 1 + 8 + 3 + 2 * 64 + 1

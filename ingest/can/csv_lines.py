@@ -193,11 +193,74 @@ def _unwrap(stamp: int, state: Numbers) -> int:
 
 
 @njit(cache=True, nogil=True)
+def _parse_stamp(text: Text, start: int, stop: int) -> tuple[int, int]:
+    """Return code and stamp: an integer, for with a point it is not in µs, and what it is in cannot be known."""
+    is_integer = True
+    for p in range(start, stop):
+        is_integer = is_integer and (text[p] < 58 and text[p] != POINT)
+    good, stamp = decimal(text, start, stop, 0)
+    if good == GOOD and not is_integer:
+        return TIME, stamp
+    if good == OUT_OF_RANGE or abs(stamp) > 1 << 52:
+        return TIME_RANGE, stamp
+    return FRAME if good == GOOD else TIME, stamp
+
+
+@njit(cache=True, nogil=True)
+def _parse_gvret_column(text: Text, column: int, start: int, stop: int) -> tuple[int, int]:
+    """Return code and value of a field, by its place in `GVRET_COLUMNS`; any other column is passed over."""
+    code, value = FRAME, 0
+    if column == _TIME:
+        code, value = _parse_stamp(text, start, stop)
+    elif column == _ID:
+        value = _parse_identifier(text, start, stop)
+        code = IDENTIFIER if value < 0 else EXTENDED_RANGE if value > EXTENDED_MASK else FRAME
+    elif column == _EXTENDED:
+        value = _parse_flag(text, start, stop)
+        code = FLAG if value < 0 else FRAME
+    elif column == _DIR:
+        code = DIRECTION if start < stop and not is_direction(text, start, stop) else FRAME
+    elif column == _BUS:
+        code = FRAME if 0 <= number_at(text, start, stop, 10) <= 255 else BUS
+    elif column == _LEN:
+        value = number_at(text, start, stop, 10)
+        code = FRAME if 0 <= value <= 64 and IS_FD_LENGTH[value] else LENGTH
+    return code, value
+
+
+@njit(cache=True, nogil=True)
+def _parse_gvret_payload(
+    text: Text, bounds: Numbers, first: int, count: int, size: int, payload: Text
+) -> tuple[int, int, int]:
+    """Parse the fields from `first` on as bytes into `payload`; return code, how many there are, where parsing ended.
+
+    The last is -1 where there was nothing to parse.
+    """
+    present, reached, ended = 0, -1, False
+    for k in range(first, count):
+        start, stop = bounds[k, 0], bounds[k, 1]
+        if start == stop:
+            ended = True
+            continue
+        value, reached = number_at(text, start, stop, 16), stop
+        if value < 0 or stop - start > 2 or ended:
+            return PAYLOAD, present, reached
+        if present == size:
+            # Loggers that pad their payloads to eight columns pad with zeros.
+            if value != 0:
+                return TAIL, present, reached
+            continue
+        payload[present] = value
+        present += 1
+    return FRAME, present, reached
+
+
+@njit(cache=True, nogil=True)
 def scan_gvret(text: Text, ends: Numbers, number: int, final: bool, found: Found, state: Numbers) -> int:
     """Parse lines as `text_log.read_frames` wants it."""
     times, channels, ids, extendeds, fds, kinds, lengths, data, long_data, names, lines, counts = found
     bounds = np.empty((MOST_FIELDS, 2), np.int64)
-    words = np.zeros(8, np.uint64)
+    words, values = np.zeros(8, np.uint64), np.zeros(len(GVRET_COLUMNS), np.int64)
     payload = words.view(np.uint8)
     while number < len(ends) and has_room(times, lines, counts):
         start, stop, width = line_at(text, ends, number)
@@ -211,81 +274,37 @@ def scan_gvret(text: Text, ends: Numbers, number: int, final: bool, found: Found
             set_aside(lines, counts, number - 1, LONG, start, stop, start)
             continue
         clear(words)
-        count = split_commas(text, start, stop, bounds)
-        code, reached, stamp, identifier, extended, size, present = FRAME, stop, 0, 0, 0, 0, 0
-        for k in range(min(count, state[_D1])):
+        values[:] = 0
+        count, first = split_commas(text, start, stop, bounds), state[_D1]
+        code, reached, present = FRAME, stop, 0
+        for k in range(min(count, first)):
             if code != FRAME:
                 break
-            first, last = bounds[k, 0], bounds[k, 1]
-            reached = last
-            if k == state[_TIME]:
-                # A stamp is an integer: with a point it is not in µs, and what it is in cannot be known.
-                is_integer = True
-                for p in range(first, last):
-                    is_integer = is_integer and (text[p] < 58 and text[p] != POINT)
-                good, stamp = decimal(text, first, last, 0)
-                if good == GOOD and not is_integer:
-                    code = TIME
-                elif good == OUT_OF_RANGE or abs(stamp) > 1 << 52:
-                    code = TIME_RANGE
-                elif good != GOOD:
-                    code = TIME
-            elif k == state[_ID]:
-                identifier = _parse_identifier(text, first, last)
-                if identifier < 0:
-                    code = IDENTIFIER
-                elif identifier > EXTENDED_MASK:
-                    code = EXTENDED_RANGE
-            elif k == state[_EXTENDED]:
-                extended = _parse_flag(text, first, last)
-                if extended < 0:
-                    code = FLAG
-            elif k == state[_DIR]:
-                if first < last and not is_direction(text, first, last):
-                    code = DIRECTION
-            elif k == state[_BUS]:
-                if not 0 <= number_at(text, first, last, 10) <= 255:
-                    code = BUS
-            elif k == state[_LEN]:
-                size = number_at(text, first, last, 10)
-                if not 0 <= size <= 64 or not IS_FD_LENGTH[size]:
-                    code = LENGTH
-        if code == FRAME and (count < state[_D1] or (count == state[_D1] and size > 0)):
+            reached = bounds[k, 1]
+            for column in range(_D1):
+                if state[column] == k:
+                    code, values[column] = _parse_gvret_column(text, column, bounds[k, 0], reached)
+        size, identifier = values[_LEN], values[_ID]
+        if code == FRAME and (count < first or (count == first and size > 0)):
             code, reached = MISSING, stop
-        if code == FRAME and extended == 0 and identifier > STANDARD_MASK:
+        if code == FRAME and values[_EXTENDED] == 0 and identifier > STANDARD_MASK:
             code, reached = STANDARD_RANGE, bounds[state[_ID], 0]
-        ended = False
-        for k in range(state[_D1], count):
-            if code != FRAME:
-                break
-            first, last = bounds[k, 0], bounds[k, 1]
-            if first == last:
-                ended = True
-                continue
-            value = number_at(text, first, last, 16)
-            reached = last
-            if value < 0 or last - first > 2 or ended:
-                code = PAYLOAD
-            elif present == size:
-                # Loggers that pad their payloads to eight columns pad with zeros.
-                if value != 0:
-                    code = TAIL
-            else:
-                payload[present] = value
-                present += 1
-        if code == FRAME and final and count <= state[_D1] + size:
+        if code == FRAME:
+            code, present, last = _parse_gvret_payload(text, bounds, first, count, size, payload)
+            reached = last if last >= 0 else reached
+        if code == FRAME and final and count <= first + size:
             last_digits = bounds[count - 1, 1] - bounds[count - 1, 0]
             if present < size or (size > 0 and last_digits < 2):
                 code, reached = OPEN, stop
-        if code == FRAME:
-            row, bus = counts[FRAMES], state[_BUS]
-            if bus == ABSENT:
-                channels[row] = bus_of(_ONLY_BUS, 0, 1, names, counts)
-            else:
-                channels[row] = bus_of(text, bounds[bus, 0], bounds[bus, 1], names, counts)
-            times[row], ids[row], extendeds[row] = _unwrap(stamp, state) * 1000, identifier, extended > 0
-            fds[row], kinds[row], lengths[row] = size > 8, DATA, present
-            enter_payload(words, present, data, long_data, counts)
-        else:
+        if code != FRAME:
             set_aside(lines, counts, number - 1, code, start, stop, reached)
+            continue
+        row, bus = counts[FRAMES], state[_BUS]
+        if bus == ABSENT:
+            channels[row] = bus_of(_ONLY_BUS, 0, 1, names, counts)
+        else:
+            channels[row] = bus_of(text, bounds[bus, 0], bounds[bus, 1], names, counts)
+        times[row], ids[row], extendeds[row] = _unwrap(values[_TIME], state) * 1000, identifier, values[_EXTENDED] > 0
+        fds[row], kinds[row], lengths[row] = size > 8, DATA, present
+        enter_payload(words, present, data, long_data, counts)
     return number

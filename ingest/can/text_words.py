@@ -6,13 +6,11 @@ result ever carries into the next one.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
-from llvmlite.ir import IntType
-from numba import njit, types
-from numba.extending import intrinsic
+from numba import njit
+
+from ..words import word_at
 
 Text = npt.NDArray[np.uint8]
 
@@ -24,18 +22,6 @@ _ONES = np.uint64(0x0101010101010101)
 _HIGH = np.uint64(0x8080808080808080)
 _ZEROS = np.uint64(0x3030303030303030)
 _NEWLINES = np.uint64(0x0A0A0A0A0A0A0A0A)
-
-
-@intrinsic
-def word_at(_typing: Any, text: Any, p: Any) -> tuple[Any, Any]:
-    """Return the eight characters of a text from `p` (uint64) on, wherever that is."""
-
-    def load(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        characters = context.make_array(signature.args[0])(context, builder, arguments[0])
-        place = builder.gep(characters.data, [arguments[1]])
-        return builder.load(builder.bitcast(place, IntType(64).as_pointer()), align=1)
-
-    return types.uint64(text, p), load
 
 
 @njit(cache=True, nogil=True)

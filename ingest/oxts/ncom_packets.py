@@ -215,7 +215,7 @@ def decode_packets(
     from .ncom_fields import vectors
 
     fields = raw.view(layout.PACKET)[:, 0]
-    acceleration, angular_rate, velocity, orientation = vectors(raw)
+    acceleration, angular_rate, velocity, orientation = (axes.T for axes in vectors(raw))
     with np.errstate(invalid="ignore"):  # A signalling NaN among damaged altitudes is just another NaN.
         altitude = fields["altitude"].astype(np.float64)
     return NcomPackets(

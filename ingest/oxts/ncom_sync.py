@@ -6,7 +6,6 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-
 HEAD = (1, 2, 21, 62, 63, 64, 65, 66, 70)
 """The bytes of a packet that tell its time and those of its neighbours."""
 

@@ -100,8 +100,9 @@ def stamp_packets(
         utc = gps
     else:
         utc = gps_to_utc(gps)
-    time[packets[located]] = utc[located]
-    known[packets[located]] = True
+    if not located.all():
+        packets, utc = packets[located], utc[located]
+    time[packets], known[packets] = utc, True
     return Stamps(time, known, doubts, utc_from)
 
 
