@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from llvmlite.ir import IntType
 from numba import types
 from numba.extending import intrinsic
 
@@ -16,6 +15,7 @@ def word_at(_typing: Any, content: Any, place: Any) -> tuple[Any, Any]:
     def load(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         octets = context.make_array(signature.args[0])(context, builder, arguments[0])
         first = builder.gep(octets.data, [arguments[1]])
-        return builder.load(builder.bitcast(first, IntType(64).as_pointer()), align=1)
+        word = context.get_value_type(signature.return_type)
+        return builder.load(builder.bitcast(first, word.as_pointer()), align=1)
 
     return types.uint64(content, place), load

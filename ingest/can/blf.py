@@ -258,9 +258,9 @@ def _inflate(packed: bytes) -> tuple[bytes, Any]:
 
     ISA-L takes half of zlib's time. Where it comes to no proper end zlib says what is wrong, and saves what can be.
     """
-    from isal import isal_zlib
+    from isal import igzip_lib, isal_zlib
 
-    with suppress(isal_zlib.error):
+    with suppress(igzip_lib.IsalError):
         inflater = isal_zlib.decompressobj()
         content = inflater.decompress(packed, LONGEST_CONTAINER)
         if inflater.eof:

@@ -38,7 +38,10 @@ def decode(frames: pa.Table | FrameBatch, database: Database | str | Path) -> di
         database = load_database([str(database)], Path())
     batch = frames if isinstance(frames, FrameBatch) else FrameBatch.from_arrow(frames)
     groups, _ = split_by_message(batch, database)
-    return {layout.name: pa.Table.from_batches([decode_message(decoder_of(layout), part)]) for layout, part in groups}
+    return {
+        layout.name: pa.Table.from_batches([decode_message(decoder_of(layout), part)]).cast(message_schema(layout))
+        for layout, part in groups
+    }
 
 
 def split_by_message(
@@ -79,7 +82,7 @@ class MessageDecoder:
 
     Attributes:
         layout: The message.
-        schema: That of its decoded frames.
+        schema: That of its decoded frames: `message_schema`, but for the channel, which is a dictionary of names.
         kinds: Types of the signals' columns.
         by_bits: Which of them compiled code only gets the bits of.
         places: (signals, 5), as `signal_bits.columns` takes it, and so the following ones.
@@ -114,9 +117,11 @@ def decoder_of(layout: MessageLayout) -> MessageDecoder:
         # Of more than 64 bits there is nothing here; see `_long_bits`.
         (signal.first_bit, min(signal.length, 64), signal.big_endian, signal.signed, kind) for signal, kind in wanted
     ]  # fmt: skip
+    schema = message_schema(layout)
+    channel = schema.get_field_index("channel")
     return MessageDecoder(
         layout,
-        message_schema(layout),
+        schema.set(channel, schema.field(channel).with_type(pa.dictionary(pa.int32(), pa.string()))),
         kinds,
         by_bits,
         np.array(places, np.int64).reshape(-1, 5),
@@ -129,13 +134,10 @@ def decoder_of(layout: MessageLayout) -> MessageDecoder:
 
 
 def decode_message(decoder: MessageDecoder, frames: FrameBatch) -> pa.RecordBatch:
-    """Return frames, all of one message, in the schema `message_schema`."""
+    """Return frames, all of one message, in the decoder's schema."""
     schema, count = decoder.schema, len(frames)
     time = pa.Array.from_buffers(schema.field("time").type, count, [None, pa.py_buffer(frames.time)], 0)
-    if count and (frames.channel == frames.channel[0]).all():
-        channels = pa.repeat(frames.channels[frames.channel[0]], count)
-    else:
-        channels = pa.array(frames.channels, pa.string()).take(pa.array(frames.channel))
+    channels = pa.DictionaryArray.from_arrays(frames.channel.astype(np.int32), pa.array(frames.channels, pa.string()))
     fields = _address_fields(decoder.layout)
     addresses = [pa.array((frames.id >> shift).astype(np.uint8)) for shift in (0, 8)[: len(fields)]]
     signals = _decode(decoder, frames.data, frames.length)

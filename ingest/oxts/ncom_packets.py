@@ -70,12 +70,12 @@ class NcomPackets:
     @property
     def checksum1(self) -> npt.NDArray[np.bool_]:
         """Whether checksum 1 (of bytes 1 to 21) is right, (n,). Checksum 3 of all of them is."""
-        return layout.checksum(self.raw, 22) == self.raw[:, 22]
+        return np.equal(layout.checksum(self.raw, 22), self.raw[:, 22])
 
     @property
     def checksum2(self) -> npt.NDArray[np.bool_]:
         """Whether checksum 2 (of bytes 1 to 60) is right, (n,)."""
-        return layout.checksum(self.raw, 61) == self.raw[:, 61]
+        return np.equal(layout.checksum(self.raw, 61), self.raw[:, 61])
 
 
 @dataclass(frozen=True, slots=True)
