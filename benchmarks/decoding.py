@@ -37,9 +37,11 @@ def wheelprint_log(folder: str, name: str, warm: str) -> Work:
     from wheelprint.ingest.can.blf import Blf
     from wheelprint.ingest.can.candump import Candump
     from wheelprint.ingest.can.database import load_database
+    from wheelprint.ingest.memory import keep_memory
     from wheelprint.ingest.signal_files import decode_log
 
     database = load_database([str(Path(folder) / "bus.dbc")], Path())
+    keep_memory()
 
     def convert(log: Path) -> Result:
         with TemporaryDirectory(dir=folder) as out:
@@ -104,6 +106,7 @@ def writing(folder: str) -> Work:
     from wheelprint.ingest.account import Account
     from wheelprint.ingest.can.candump import Candump
     from wheelprint.ingest.can.database import load_database
+    from wheelprint.ingest.memory import keep_memory
     from wheelprint.ingest.signal_files import decode_log
     from wheelprint.schemas.store import parquet_writer, publish
 
@@ -114,6 +117,7 @@ def writing(folder: str) -> Work:
         for path in files.values():
             with pq.ParquetFile(path) as file:
                 tables.append([file.read_row_group(number) for number in range(file.num_row_groups)])
+    keep_memory()
 
     def write() -> Result:
         with TemporaryDirectory(dir=folder) as out:
@@ -129,8 +133,11 @@ def writing(folder: str) -> Work:
 def wheelprint_ncom(folder: str, warm: str) -> Work:
     """Convert NCOM as `wheelprint convert` does."""
     from wheelprint.ingest.account import Account
+    from wheelprint.ingest.memory import keep_memory
     from wheelprint.ingest.oxts.ncom import Ncom
     from wheelprint.schemas.store import parquet_writer, publish
+
+    keep_memory()
 
     def convert(where: str) -> Result:
         account, packets = Account(), 0
@@ -292,7 +299,8 @@ def run(
         if long_frames:
             (folder / "bus.log").unlink()
             write_logs(folder, SEED, long_frames, ("log",))
-            results["wheelprint candump long"] = run_alone((HERE, "wheelprint_log", (folder, "bus.log", warm)))
+            long = run_alone((HERE, "wheelprint_log", (folder, "bus.log", warm)))
+            results["wheelprint candump, long"] = long | {"per_cpu_s": per_cpu_second(long)}
     return {
         "traffic": {
             "messages": len(messages(SEED)),

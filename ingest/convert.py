@@ -23,8 +23,9 @@ from .can.database import Database, load_databases
 from .clock import BRIDGED_GAP_S, PERIOD_S, ClockEstimate, estimate_clock, to_utc
 from .dead_reckoning import dead_reckon
 from .mapping import MappedSignal, resolve, resolve_navigation
+from .memory import give_memory_back
 from .plausibility import absent_sources, no_overlap, too_long, unknown_clock, wrong_signs
-from .recording_logs import give_memory_back, read_logs, recording_files
+from .recording_logs import read_logs, recording_files
 from .signal_files import signal_file
 from .stored_signals import NavigationSignal, SampledSignal, Signal, StoredSignal, find_mapped, find_navigation
 from .synchronise import synchronise

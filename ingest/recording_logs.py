@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
@@ -22,6 +20,7 @@ from .account import Account
 from .cameras import IMAGES, CameraIndex
 from .can.database import Database
 from .mapped_table import mapped_table
+from .memory import give_memory_back, keep_memory
 from .oxts.kitti import Kitti
 from .readers import FrameReader, NavigationReader, Reader, formats_of, recognise
 from .recording_cameras import Span, camera_facts, find_cameras, read_cameras, time_in_common
@@ -73,6 +72,7 @@ class RawLogs:
 
 def read_logs(project: Path, recording: Recording, database: Database, folder: Path, nav: Nav) -> RawLogs:
     """Decode every file of a recording into `folder`; what cannot be read becomes a problem of its own."""
+    keep_memory()
     logs = RawLogs()
     belonging: set[str] = set()
     spans: dict[str, list[Span]] = {}
@@ -125,13 +125,6 @@ def read_logs(project: Path, recording: Recording, database: Database, folder: P
         what = f"none of its files could be read: {reasons}" if reasons else "it holds no log"
         raise InputError(recording.folder, "", f"{what}. A recording is a folder with a CAN log and a navigation log")
     return logs
-
-
-def give_memory_back() -> None:
-    """Return what is free to the system: else the C library keeps what one log took beside what the next one takes."""
-    pa.default_memory_pool().release_unused()
-    with suppress(AttributeError):  # It is glibc's own.
-        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _read_can(
