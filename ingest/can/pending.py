@@ -8,7 +8,7 @@ import numpy as np
 
 from .frames import FrameBatch
 
-BATCH = 3 << 18
+BATCH = 5 << 17
 """Frames of a batch, at most."""
 
 

@@ -276,6 +276,26 @@ def test_groups_frames_and_counts_the_unknown() -> None:
     assert decode_message(decoder_of(LAYOUTS[0]), groups[0][1]).num_rows == 3
 
 
+@pytest.mark.parametrize("width", [8, 64])
+def test_groups_keep_all_that_a_frame_is(width: int) -> None:
+    payloads = [bytes(range(k, k + width - k)) for k in range(6)]
+    batch = batch_of(
+        payloads,
+        width,
+        time=[5, 4, 3, 2, 1, 0],
+        id=[0x64, 0x65, 0x64, 0x64, 0x65, 0x64],
+        extended=[0, 0, 1, 0, 0, 0],
+        fd=[0, 1, 1, 1, 0, 0],
+        channel=[1, 0, 1, 0, 1, 0],
+        channels=("a", "b"),
+    )
+    whole = pa.Table.from_batches([batch.to_arrow()])
+    groups, _ = split_by_message(batch, DATABASE)
+    got = {layout.name: pa.Table.from_batches([part.to_arrow()]) for layout, part in groups}
+    for name, rows in {"B": [0, 3, 5], "A": [2], "never": [1, 4]}.items():
+        assert got[name].equals(whole.take(rows))
+
+
 @given(st.lists(st.tuples(st.integers(0, 40), st.booleans(), st.sampled_from([DATA, DATA, REMOTE])), max_size=60))
 def test_groups_like_a_plain_loop(frames: list[tuple[int, bool, int]]) -> None:
     database = Database(tuple(MessageLayout(f"m{k}", 3 * k, k % 2 == 0, 8, "", ()) for k in (4, 2, 9, 1)))
