@@ -260,7 +260,7 @@ def _inflate(packed: bytes) -> tuple[bytes, Any]:
     """
     from isal import igzip_lib, isal_zlib
 
-    with suppress(igzip_lib.IsalError):
+    with suppress(igzip_lib.IsalError):  # type: ignore[arg-type]  # its stubs take the class for an instance
         inflater = isal_zlib.decompressobj()
         content = inflater.decompress(packed, LONGEST_CONTAINER)
         if inflater.eof:
