@@ -10,13 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.ingest.can.plain_frames import Frame, frames_of
 from wheelprint.ingest.account import Account
 from wheelprint.ingest.can import asc, text_log
 from wheelprint.ingest.can.asc import Asc
-from wheelprint.ingest.can.frames import KINDS
 from wheelprint.schemas.errors import InputError
-
-Frame = tuple[int, str, int, bool, bool, str, str]
 
 HEADER = b"date Sat Sep 30 15:06:13.191 2017\nbase hex  timestamps absolute\ninternal events logged\n"
 ZERO = 1506783973_191000000
@@ -77,19 +75,7 @@ def read(folder: Path, content: bytes, name: str = "can.asc") -> tuple[list[Fram
     account = Account()
     frames: list[Frame] = []
     for batch in Asc(path).batches(account):
-        for k, (row, length) in enumerate(zip(batch.data, batch.length, strict=True)):
-            assert not row[length:].any(), "payloads are padded with zeros"
-            frames.append(
-                (
-                    int(batch.time[k]),
-                    batch.channels[batch.channel[k]],
-                    int(batch.id[k]),
-                    bool(batch.extended[k]),
-                    bool(batch.fd[k]),
-                    KINDS[batch.kind[k]],
-                    row[:length].tobytes().hex().upper(),
-                )
-            )
+        frames += frames_of(batch)
     assert account.accepted == len(frames)
     return frames, account
 

@@ -14,9 +14,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from tests.ingest.can import plain_frames
 from wheelprint.ingest.account import Account
 from wheelprint.ingest.can.blf import Blf
-from wheelprint.ingest.can.frames import KINDS, FrameBatch
+from wheelprint.ingest.can.frames import FrameBatch
 from wheelprint.schemas.errors import InputError
 
 START = 1_700_000_000_250_000_000
@@ -51,20 +52,7 @@ def classic(stamp: int, number: int = 0x123, data: bytes = EIGHT, **header_field
 
 
 def frames_of(batch: FrameBatch) -> list[Frame]:
-    for row, length in zip(batch.data, batch.length, strict=True):
-        assert not row[length:].any(), "payloads are padded with zeros"
-    return [
-        (
-            int(batch.time[i]),
-            batch.channels[batch.channel[i]],
-            int(batch.id[i]),
-            bool(batch.extended[i]),
-            bool(batch.fd[i]),
-            KINDS[batch.kind[i]],
-            batch.data[i, : batch.length[i]].tobytes(),
-        )
-        for i in range(len(batch))
-    ]
+    return [(*frame, bytes.fromhex(payload)) for *frame, payload in plain_frames.frames_of(batch)]  # type: ignore[misc]
 
 
 def read(folder: Path, content: bytes, name: str = "can.blf") -> tuple[list[Frame], Account]:

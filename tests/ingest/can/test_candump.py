@@ -10,34 +10,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.ingest.can.plain_frames import Frame, frames_of
 from wheelprint.ingest.account import Account
 from wheelprint.ingest.can import candump, text_log
 from wheelprint.ingest.can.candump import Candump
 from wheelprint.ingest.can.candump_writer import write_candump
-from wheelprint.ingest.can.frames import DATA, ERROR, KINDS, REMOTE, FrameBatch
+from wheelprint.ingest.can.frames import DATA, ERROR, REMOTE, FrameBatch
 from wheelprint.schemas.errors import InputError
 
 HALF = 1_500_000_000
 GOOD = b"(1436509052.249713) can0 044#2A366C2BBA\n"
-
-Frame = tuple[int, str, int, bool, bool, str, str]
-
-
-def frames_of(batch: FrameBatch) -> list[Frame]:
-    for row, length in zip(batch.data, batch.length, strict=True):
-        assert not row[length:].any(), "payloads are padded with zeros"
-    return [
-        (
-            int(batch.time[i]),
-            batch.channels[batch.channel[i]],
-            int(batch.id[i]),
-            bool(batch.extended[i]),
-            bool(batch.fd[i]),
-            KINDS[batch.kind[i]],
-            batch.data[i, : batch.length[i]].tobytes().hex().upper(),
-        )
-        for i in range(len(batch))
-    ]
 
 
 def read(folder: Path, content: bytes, name: str = "can.log") -> tuple[list[Frame], Account]:

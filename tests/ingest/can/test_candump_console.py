@@ -10,13 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.ingest.can.plain_frames import Frame, frames_of
 from wheelprint.ingest.account import Account
 from wheelprint.ingest.can import candump_console, text_log
 from wheelprint.ingest.can.candump_console import CandumpConsole
-from wheelprint.ingest.can.frames import KINDS
 from wheelprint.schemas.errors import InputError
-
-Frame = tuple[int, str, int, bool, bool, str, str]
 
 GOOD = b" (1436509052.249713)  can0  044   [5]  2A 36 6C 2B BA\n"
 TIME = 1436509052_249713000
@@ -60,19 +58,7 @@ def read(folder: Path, content: bytes, name: str = "can.txt") -> tuple[list[Fram
     account = Account()
     frames: list[Frame] = []
     for batch in CandumpConsole(path).batches(account):
-        for k, (row, length) in enumerate(zip(batch.data, batch.length, strict=True)):
-            assert not row[length:].any(), "payloads are padded with zeros"
-            frames.append(
-                (
-                    int(batch.time[k]),
-                    batch.channels[batch.channel[k]],
-                    int(batch.id[k]),
-                    bool(batch.extended[k]),
-                    bool(batch.fd[k]),
-                    KINDS[batch.kind[k]],
-                    row[:length].tobytes().hex().upper(),
-                )
-            )
+        frames += frames_of(batch)
     assert account.accepted == len(frames)
     return frames, account
 

@@ -11,32 +11,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.ingest.can.plain_frames import Frame, frames_of
 from wheelprint.ingest.account import Account
 from wheelprint.ingest.can import gvret_csv, python_can_csv, text_log
-from wheelprint.ingest.can.frames import KINDS, FrameBatch
 from wheelprint.ingest.can.gvret_csv import GvretCsv
 from wheelprint.ingest.can.python_can_csv import PythonCanCsv
 from wheelprint.schemas.errors import InputError
 
-Frame = tuple[int, str, int, bool, bool, str, str]
 CsvReader = type[GvretCsv] | type[PythonCanCsv]
-
-
-def frames_of(batch: FrameBatch) -> list[Frame]:
-    for row, length in zip(batch.data, batch.length, strict=True):
-        assert not row[length:].any(), "payloads are padded with zeros"
-    return [
-        (
-            int(batch.time[i]),
-            batch.channels[batch.channel[i]],
-            int(batch.id[i]),
-            bool(batch.extended[i]),
-            bool(batch.fd[i]),
-            KINDS[batch.kind[i]],
-            batch.data[i, : batch.length[i]].tobytes().hex().upper(),
-        )
-        for i in range(len(batch))
-    ]
 
 
 def read(reader: CsvReader, folder: Path, content: bytes | str) -> tuple[list[Frame], Account]:

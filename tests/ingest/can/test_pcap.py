@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.ingest.can.plain_frames import frames_of
 from wheelprint.ingest.account import Account
-from wheelprint.ingest.can.frames import KINDS
 from wheelprint.ingest.can.pcap import Pcap
 from wheelprint.schemas.errors import InputError
 
@@ -57,19 +57,7 @@ def read(folder: Path, content: bytes) -> tuple[list[Frame], Account]:
     path.write_bytes(content)
     account, frames = Account(), list[Frame]()
     for batch in Pcap(path).batches(account):
-        for i in range(len(batch)):
-            assert not batch.data[i, batch.length[i] :].any()
-            frames.append(
-                (
-                    int(batch.time[i]),
-                    batch.channels[batch.channel[i]],
-                    int(batch.id[i]),
-                    bool(batch.extended[i]),
-                    bool(batch.fd[i]),
-                    KINDS[batch.kind[i]],
-                    batch.data[i, : batch.length[i]].tobytes(),
-                )
-            )
+        frames += [(*odds, bytes.fromhex(payload)) for *odds, payload in frames_of(batch)]  # type: ignore[misc]
     assert account.accepted == len(frames)
     return frames, account
 

@@ -11,30 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.ingest.can.plain_frames import Frame, frames_of
 from wheelprint.ingest.account import Account
 from wheelprint.ingest.can import text_log, trc
-from wheelprint.ingest.can.frames import KINDS, FrameBatch
 from wheelprint.ingest.can.trc import Trc
 from wheelprint.schemas.errors import InputError
-
-Frame = tuple[int, str, int, bool, bool, str, str]
-
-
-def frames_of(batch: FrameBatch) -> list[Frame]:
-    for row, length in zip(batch.data, batch.length, strict=True):
-        assert not row[length:].any(), "payloads are padded with zeros"
-    return [
-        (
-            int(batch.time[i]),
-            batch.channels[batch.channel[i]],
-            int(batch.id[i]),
-            bool(batch.extended[i]),
-            bool(batch.fd[i]),
-            KINDS[batch.kind[i]],
-            batch.data[i, : batch.length[i]].tobytes().hex().upper(),
-        )
-        for i in range(len(batch))
-    ]
 
 
 def read(folder: Path, content: bytes | str, name: str = "can.trc") -> tuple[list[Frame], Account]:
