@@ -294,7 +294,15 @@ async function browse(number) {
 
 // What is changed
 
-async function named() {
+// One question at a time: a key pressed between the closing of the dialog and its answer waits for the answer.
+let naming = null;
+
+function named() {
+  naming ??= askWho().finally(() => (naming = null));
+  return naming;
+}
+
+async function askWho() {
   while (!person) {
     person = (await askName(facts.user)) ?? "";
     if (!person) return false;
