@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Self
 
 from .output import Report, console
-from .runner import Workers, available_cores, run_stage
+from .runner import Workers, available_cores, patient_interrupts, run_stage
 from .schemas.errors import InputError
 from .schemas.store import Manifest
 
@@ -119,14 +120,11 @@ class Pipeline:
 
         faithful = faithful or self._project.config.models.faithful
         tasks, problems = plan_experiment(self._project, name, faithful=faithful)
-        stopped = False
-        try:
-            self._stage(name, tasks, problems)
-        except KeyboardInterrupt:
-            stopped = True
+        with patient_interrupts(console(stderr=True)) as stopped, suppress(KeyboardInterrupt):
+            self._stage(name, tasks, problems, stopped)
         for title, heads, rows in gather_experiment(self._project, name, faithful=faithful):
             self._report.tables.append((title, heads, rows))
-        if stopped:
+        if stopped():
             manifest = Manifest(self._project.directory)
             done = sum(manifest.is_current(task.section, task.name, task.fingerprint) for task in tasks)
             reason = f"stopped after {done} of {len(tasks)} cells; the same command goes on from there"
@@ -159,10 +157,18 @@ class Pipeline:
             self._report.problems.append(error)
         self.report()
 
-    def _stage(self, title: str, tasks: Sequence[Task], planning: Sequence[InputError]) -> None:
+    def _stage(
+        self,
+        title: str,
+        tasks: Sequence[Task],
+        planning: Sequence[InputError],
+        stopped: Callable[[], bool] = lambda: False,
+    ) -> None:
         manifest = Manifest(self._project.directory)
         progress = console(stderr=True)
-        result = run_stage(title, tasks, planning, manifest, self._workers, progress, force=self._force)
+        result = run_stage(
+            title, tasks, planning, manifest, self._workers, progress, force=self._force, stopped=stopped
+        )
         self._report.stages[title] = result
         if tasks and len(result.failed) == len(tasks):
             self._report.failed = self._report.command not in ("run", "demo")

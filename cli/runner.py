@@ -7,9 +7,10 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import TYPE_CHECKING, Any, Self
 
 from .schemas.errors import InputError
@@ -19,6 +20,11 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from .schemas.store import Manifest
+
+BACKLOG = 2
+"""Tasks that a worker has, at most: the one it works on and the next, so that it never waits for this process."""
+IMPATIENCE = 1.0
+"""s, after which another interrupt is a second one: some programs pass one on twice."""
 
 
 @dataclass(slots=True)
@@ -60,10 +66,17 @@ class Workers:
     def __exit__(self, *error: object) -> None:
         self._open.close()
 
-    def run(self, tasks: Sequence[Task]) -> Iterator[tuple[Task, Outcome | InputError]]:
-        """Yield each task with what came of it, in the order in which they end."""
+    def run(self, tasks: Sequence[Task], stopped: Callable[[], bool]) -> Iterator[tuple[Task, Outcome | InputError]]:
+        """Yield each task with what came of it, in the order in which they end.
+
+        Args:
+            tasks: What there is to do.
+            stopped: No task is begun any more once this tells so; those at work are finished.
+        """
         if min(self._count, len(tasks)) <= 1:
             for task in tasks:
+                if stopped():
+                    return
                 yield task, _attempt(task)
             return
         import dask
@@ -86,9 +99,18 @@ class Workers:
                     )
                 )
             self._client = self._open.enter_context(Client(cluster))
-        futures = {self._client.submit(_attempt, task, pure=False): task for task in tasks}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
+        waiting = iter(tasks)
+        at_work = {
+            self._client.submit(_attempt, task, pure=False): task for task in islice(waiting, BACKLOG * self._count)
+        }
+        ended = as_completed(at_work)
+        for future in ended:
+            task = at_work.pop(future)
+            if not stopped() and (following := next(waiting, None)):
+                begun = self._client.submit(_attempt, following, pure=False)
+                at_work[begun] = following
+                ended.add(begun)
+            yield task, future.result()
 
 
 def run_stage(
@@ -100,6 +122,7 @@ def run_stage(
     console: Console,
     *,
     force: bool,
+    stopped: Callable[[], bool] = lambda: False,
 ) -> StageResult:
     """Run what is not current, record each outcome in the manifest as it comes, and show the progress.
 
@@ -111,6 +134,7 @@ def run_stage(
         workers: Where the tasks run.
         console: Where the progress goes; nothing is shown where it is not a terminal.
         force: Run current tasks too.
+        stopped: No task is begun any more once this tells so.
     """
     begin = time.monotonic()
     result = StageResult(problems=[*planning])
@@ -124,7 +148,7 @@ def run_stage(
         else:
             waiting.append(task)
     with _progress(console, title, len(waiting)) as advance:
-        for task, outcome in workers.run(waiting):
+        for task, outcome in workers.run(waiting, stopped):
             if isinstance(outcome, InputError):
                 result.failed.append(task.name)
                 result.problems.append(outcome)
@@ -143,6 +167,35 @@ def run_stage(
 
 def _records(problems: Sequence[InputError]) -> list[dict[str, str]]:
     return [{"path": problem.path, "where": problem.where, "reason": problem.reason} for problem in problems]
+
+
+@contextmanager
+def patient_interrupts(console: Console) -> Iterator[Callable[[], bool]]:
+    """Let a first Ctrl-C wait for the tasks at work, whose results would be lost otherwise; a second one does not.
+
+    Args:
+        console: Where the user is told so.
+
+    Yields:
+        Tells whether there was one.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: False
+        return
+    interrupted_at: list[float] = []
+
+    def interrupted(number: int, frame: Any) -> None:
+        interrupted_at.append(time.monotonic())
+        if len(interrupted_at) == 1:
+            console.print("Stopping when what is at work now is done; Ctrl-C again stops at once.")
+        elif interrupted_at[-1] - interrupted_at[0] > IMPATIENCE:
+            signal.default_int_handler(number, frame)
+
+    before = signal.signal(signal.SIGINT, interrupted)
+    try:
+        yield lambda: bool(interrupted_at)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @contextmanager
