@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from ..words import word_at
 from .frames import DATA, ERROR, REMOTE
 
 Content = npt.NDArray[np.uint8]
@@ -33,6 +34,12 @@ _CAN_MESSAGE, _CAN_ERROR, _CAN_OVERLOAD, _CAN_ERROR_EXT, _CAN_MESSAGE2 = 1, 2, 3
 _CAN_FD_MESSAGE, _CAN_FD_MESSAGE_64, _CAN_FD_ERROR_64 = 100, 101, 104
 
 _LAST_TIME = (1 << 63) - 1
+
+# The first two words of the objects that nearly all frames are: LOBJ, a header of 32 bytes, version 1; size and type.
+_LOBJ = np.uint64(0x4A424F4C)
+_PLAIN_HEADER = np.uint64(0x4A424F4C | 32 << 32 | 1 << 48)
+_PLAIN_MESSAGE, _PLAIN_MESSAGE2 = np.uint64(48 | _CAN_MESSAGE << 32), np.uint64(56 | _CAN_MESSAGE2 << 32)
+_LOW_HALF = np.uint64(0xFFFFFFFF)
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -186,6 +193,58 @@ def _parse_header(content: Content, start: int, stop: int, origin: int) -> tuple
 
 
 @njit(cache=True, nogil=True)
+def _take_plain(
+    content: Content,
+    position: int,
+    origin: int,
+    count: int,
+    arrays: tuple[npt.NDArray[Any], ...],
+    numbers: npt.NDArray[np.int16],
+) -> tuple[int, int]:
+    """Take frames as long as each is a data frame of a known channel in an object as most are; see `scan`.
+
+    Whatever is unusual about an object, or wrong with it, is left to `scan`: it finds the same frames, by and by.
+
+    Returns:
+        Where the first object begins that is not taken, and how many frames the arrays hold.
+    """
+    time, channel, identifier, extended, fd, sort, length, data = arrays
+    payloads = data.view(np.uint64)
+    latest = np.uint64(_LAST_TIME - origin), np.uint64((_LAST_TIME - origin) // 10_000)
+    last = len(content) - 64  # The next object's first bytes are looked at, too.
+    while position <= last and count < len(time):
+        p = np.uint64(position)
+        kind = word_at(content, p + np.uint64(8))
+        size = np.uint64(48) if kind == _PLAIN_MESSAGE else np.uint64(56)
+        if word_at(content, p) != _PLAIN_HEADER or (kind != _PLAIN_MESSAGE and kind != _PLAIN_MESSAGE2):
+            break
+        flags, stamp = word_at(content, p + np.uint64(16)) & np.uint64(3), word_at(content, p + np.uint64(24))
+        in_ns = flags & np.uint64(2) != np.uint64(0)
+        head = word_at(content, p + np.uint64(32))
+        number, code, bits = head & np.uint64(0xFFFF), head >> np.uint64(24) & np.uint64(0xFF), head >> np.uint64(32)
+        wide = bits & np.uint64(0x80000000) != np.uint64(0)
+        if (
+            word_at(content, p + size) & _LOW_HALF != _LOBJ
+            or flags == np.uint64(0)
+            or stamp > (latest[0] if in_ns else latest[1])
+            or head & np.uint64(0x800000) != np.uint64(0)
+            or code > np.uint64(8)
+            or (not wide and bits & np.uint64(0x1FFFFFFF) > np.uint64(0x7FF))
+            or numbers[number] < 0
+        ):
+            break
+        kept = np.uint64(0xFFFFFFFFFFFFFFFF) >> (np.uint64(64) - np.uint64(8) * code) if code else np.uint64(0)
+        payloads[count, 0] = word_at(content, p + np.uint64(40)) & kept
+        time[count] = origin + np.int64(stamp if in_ns else np.uint64(10_000) * stamp)
+        channel[count] = numbers[number]
+        identifier[count], extended[count] = bits & np.uint64(0x1FFFFFFF), wide
+        fd[count], sort[count], length[count] = False, DATA, code
+        count += 1
+        position += np.int64(size)
+    return position, count
+
+
+@njit(cache=True, nogil=True)
 def scan(
     content: Content,
     position: int,
@@ -219,6 +278,10 @@ def scan(
     time, channel, identifier, extended, fd, sort, length, data = arrays
     rejections = 0
     while count < len(time):
+        if not lost:
+            position, count = _take_plain(content, position, origin, count, arrays, numbers)
+            if count == len(time):
+                break
         if rejections == len(rejected):
             return position, lost, count, known, rejections, REJECTIONS
         code, position = _seek(content, position, last, lost)
