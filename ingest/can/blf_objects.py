@@ -215,16 +215,16 @@ def _take_plain(
     while position <= last and count < len(time):
         p = np.uint64(position)
         kind = word_at(content, p + np.uint64(8))
-        size = np.uint64(48) if kind == _PLAIN_MESSAGE else np.uint64(56)
-        if word_at(content, p) != _PLAIN_HEADER or (kind != _PLAIN_MESSAGE and kind != _PLAIN_MESSAGE2):
+        if word_at(content, p) != _PLAIN_HEADER or kind not in (_PLAIN_MESSAGE, _PLAIN_MESSAGE2):
             break
+        size = 48 if kind == _PLAIN_MESSAGE else 56
         flags, stamp = word_at(content, p + np.uint64(16)) & np.uint64(3), word_at(content, p + np.uint64(24))
         in_ns = flags & np.uint64(2) != np.uint64(0)
         head = word_at(content, p + np.uint64(32))
         number, code, bits = head & np.uint64(0xFFFF), head >> np.uint64(24) & np.uint64(0xFF), head >> np.uint64(32)
         wide = bits & np.uint64(0x80000000) != np.uint64(0)
         if (
-            word_at(content, p + size) & _LOW_HALF != _LOBJ
+            word_at(content, p + np.uint64(size)) & _LOW_HALF != _LOBJ
             or flags == np.uint64(0)
             or stamp > (latest[0] if in_ns else latest[1])
             or head & np.uint64(0x800000) != np.uint64(0)
@@ -240,7 +240,7 @@ def _take_plain(
         identifier[count], extended[count] = bits & np.uint64(0x1FFFFFFF), wide
         fd[count], sort[count], length[count] = False, DATA, code
         count += 1
-        position += np.int64(size)
+        position += size
     return position, count
 
 

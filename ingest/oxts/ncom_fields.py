@@ -1,4 +1,4 @@
-"""The 24-bit fields of NCOM packets, compiled: import it where it is used, numba is heavy."""
+"""The fields of NCOM packets, compiled: import it where it is used, numba is heavy."""
 
 from __future__ import annotations
 
@@ -7,16 +7,24 @@ import numpy.typing as npt
 from numba import njit
 
 from ..words import word_at
-from .ncom_layout import ACCELERATION, ANGULAR_RATE, INVALID, LENGTH, ORIENTATION, VELOCITY
+from .ncom_layout import ACCELERATION, ANGULAR_RATE, INVALID, LENGTH, ORIENTATION, PACKET, VELOCITY
 
-_BEGINS = np.repeat((3, 12, 43, 52), 3) + np.tile((0, 3, 6), 4)
+
+def _place(field: str) -> int:
+    return int(PACKET.fields[field][1])  # type: ignore[index]  # it has fields
+
+
+_VECTORS = np.repeat([_place(name) for name in ("acceleration", "angular_rate", "velocity", "orientation")], 3)
+_BEGINS = _VECTORS + np.tile((0, 3, 6), 4)
 """Where each component of each vector begins; below, its counts per unit."""
-_PER_UNIT = np.repeat((ACCELERATION, ANGULAR_RATE, VELOCITY, ORIENTATION), 3)
+_PER_UNIT = np.repeat((ACCELERATION, ANGULAR_RATE, VELOCITY, ORIENTATION), 3).astype(np.float64)
+_MILLISECONDS, _STATUS, _CHANNEL, _BATCH = map(_place, ("milliseconds", "status", "channel", "batch"))
+_LATITUDE, _LONGITUDE, _ALTITUDE = map(_place, ("latitude", "longitude", "altitude"))
 _STRETCH = 256
 """Packets at a time: they stay in the nearest cache."""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def vectors(raw: npt.NDArray[np.uint8]) -> npt.NDArray[np.float64]:
     """Return acceleration, angular rate, velocity and orientation of packets (n, 72).
 
@@ -24,10 +32,44 @@ def vectors(raw: npt.NDArray[np.uint8]) -> npt.NDArray[np.float64]:
         (4, 3, n) in m/s², rad/s, m/s and rad, NaN where invalid.
     """
     values, octets = np.empty((12, len(raw)), np.float64), raw.ravel()
+    counts = np.empty(_STRETCH, np.int32)
     for begin in range(0, len(raw), _STRETCH):
+        size = min(_STRETCH, len(raw) - begin)
         for field in range(12):
-            for packet in range(begin, min(begin + _STRETCH, len(raw))):
-                word = word_at(octets, np.uint64(LENGTH * packet + _BEGINS[field]))
-                count = np.int64(word << np.uint64(40)) >> np.int64(40)
-                values[field, packet] = np.nan if count == INVALID else count / _PER_UNIT[field]
+            place = np.uint64(LENGTH * begin + _BEGINS[field])
+            for k in range(size):
+                counts[k] = np.int32(np.uint32(word_at(octets, place + np.uint64(LENGTH * k))) << np.uint32(8))
+            column, per_unit = values[field, begin : begin + size], _PER_UNIT[field]
+            for k in range(size):
+                count = counts[k] >> np.int32(8)
+                column[k] = np.nan if count == INVALID else count / per_unit
     return values.reshape(4, 3, len(raw))
+
+
+@njit(cache=True, nogil=True)
+def positions(
+    raw: npt.NDArray[np.uint8],
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float32]]:
+    """Return latitude, rad, longitude, rad, and altitude, m, of packets (n, 72), (n,) each."""
+    latitude, longitude = np.empty(len(raw), np.uint64), np.empty(len(raw), np.uint64)
+    altitude, octets = np.empty(len(raw), np.uint32), raw.ravel()
+    for packet in range(len(raw)):
+        begin = np.uint64(LENGTH * packet)
+        latitude[packet] = word_at(octets, begin + np.uint64(_LATITUDE))
+        longitude[packet] = word_at(octets, begin + np.uint64(_LONGITUDE))
+        altitude[packet] = word_at(octets, begin + np.uint64(_ALTITUDE)) & np.uint64(0xFFFFFFFF)
+    return latitude.view(np.float64), longitude.view(np.float64), altitude.view(np.float32)
+
+
+@njit(cache=True, nogil=True)
+def states(
+    raw: npt.NDArray[np.uint8],
+) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.uint8], npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
+    """Return milliseconds, navigation status, status channel, (n,) each, and its content (n, 8) of packets (n, 72)."""
+    milliseconds, status = np.empty(len(raw), np.uint16), np.empty(len(raw), np.uint8)
+    channel, batch, octets = np.empty(len(raw), np.uint8), np.empty((len(raw), 1), np.uint64), raw.ravel()
+    for packet in range(len(raw)):
+        milliseconds[packet] = raw[packet, _MILLISECONDS] | np.uint16(raw[packet, _MILLISECONDS + 1]) << np.uint16(8)
+        status[packet], channel[packet] = raw[packet, _STATUS], raw[packet, _CHANNEL]
+        batch[packet, 0] = word_at(octets, np.uint64(LENGTH * packet + _BATCH))
+    return milliseconds, status, channel, batch.view(np.uint8)

@@ -212,26 +212,27 @@ def decode_packets(
     time_known: npt.NDArray[np.bool_],
 ) -> NcomPackets:
     """Return the fields of packets (n, 72) whose checksum 3 is right, with offsets and times as given."""
-    from .ncom_fields import vectors
+    from .ncom_fields import positions, states, vectors
 
-    fields = raw.view(layout.PACKET)[:, 0]
     acceleration, angular_rate, velocity, orientation = (axes.T for axes in vectors(raw))
+    latitude, longitude, altitude = positions(raw)
+    milliseconds, status, channel, batch = states(raw)
     with np.errstate(invalid="ignore"):  # A signalling NaN among damaged altitudes is just another NaN.
-        altitude = fields["altitude"].astype(np.float64)
+        altitude = altitude.astype(np.float64)
     return NcomPackets(
         offset=offset,
         time=time,
         time_known=time_known,
-        milliseconds=fields["milliseconds"].astype(np.uint16),
+        milliseconds=milliseconds,
         acceleration=acceleration,
         angular_rate=angular_rate,
-        status=fields["status"].copy(),
-        latitude=fields["latitude"].astype(np.float64),
-        longitude=fields["longitude"].astype(np.float64),
+        status=status,
+        latitude=latitude,
+        longitude=longitude,
         altitude=altitude,
         velocity=velocity,
         orientation=orientation,
-        channel=fields["channel"].copy(),
-        batch=fields["batch"].copy(),
+        channel=channel,
+        batch=batch,
         raw=raw,
     )

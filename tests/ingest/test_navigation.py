@@ -9,11 +9,12 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from pyproj import Geod, Transformer
 from scipy.spatial.transform import Rotation
 
+from wheelprint.ingest.motion import sines_and_cosines
 from wheelprint.ingest.navigation import (
     GRAVITY,
     Origin,
@@ -26,6 +27,7 @@ from wheelprint.ingest.navigation import (
     origin_metadata,
     remove_gravity,
 )
+from wheelprint.schemas.angles import wrap_degrees
 from wheelprint.schemas.tables import NAVIGATION
 
 START = 1_700_000_000_000_000_000
@@ -87,6 +89,25 @@ class TestDirections:
         assert speed.tolist() == pytest.approx([1, 1, 1, 1, 1, 5, 0.5, np.hypot(0.29, 0.4), np.nan], nan_ok=True)
         expected = [90, 0, -90, -180, -180, 36.8698976, 36.8698976, np.nan, np.nan]
         assert course.tolist() == pytest.approx(expected, nan_ok=True)
+
+
+class TestSeries:
+    """What vector units add up, against the C library."""
+
+    @pytest.mark.parametrize("largest", [1e-8, 0.01, np.pi / 4, 1.0, 100.0])
+    def test_sines_and_cosines(self, largest: float) -> None:
+        angle = np.append(np.random.default_rng(0).uniform(-largest, largest, 1001), [largest, -largest, 0.0, np.nan])
+        sine, cosine = sines_and_cosines(angle)
+        assert sine == pytest.approx(np.sin(angle), rel=1e-15, abs=0, nan_ok=True)
+        assert cosine == pytest.approx(np.cos(angle), rel=1e-15, abs=0, nan_ok=True)
+
+    @given(north=st.floats(-1e3, 1e3), east=st.floats(-1e3, 1e3))
+    def test_courses(self, north: float, east: float) -> None:
+        assume(np.hypot(north, east) > 0.51)
+        speed, course = horizontal_motion(doubles(north), doubles(east))
+        assert speed[0] == pytest.approx(np.hypot(north, east), rel=1e-15)
+        assert wrap_degrees(course[0] - np.degrees(np.arctan2(north, east))) == pytest.approx(0, abs=6e-14)
+        assert -180 <= course[0] < 180
 
 
 class TestGravity:
