@@ -3,12 +3,13 @@
 Each contender runs in a process of its own with one BLAS thread and reports its CPU seconds and its peak memory less
 that of the process before it began. The rows are windows of simulated drives, channels standardised; scikit-learn gets
 them as an array, `GaussianMixture` cuts them from the series. Both make the same number of M steps from the same start
-and must reach the same log-likelihood.
+and must reach the same log-likelihood. Where `gmr` is installed it fits and predicts a sample of them, too.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import itertools
 import json
 import os
@@ -37,6 +38,8 @@ FUTURE = 50
 ROWS_AN_HOUR = 35_900
 NARROW_STARTS = 20
 ONE_ROW_CALLS = 20_000
+GMR_ROWS, GMR_PREDICTIONS = 20_000, 200
+"""What gmr, which takes long per row, gets to fit and to predict."""
 
 
 def simulate(rows: int) -> Series:
@@ -66,10 +69,10 @@ def simulate(rows: int) -> Series:
     return Series(none, none, stretch, values[0], values[1], values[2], np.full(len(stretch), np.nan), none, none)
 
 
-def windows_of(series: Series, rows: int) -> WindowRows:
-    """Return the first `rows` windows of the series."""
-    centres = window_centres(series.stretch, np.ones(len(series.stretch), dtype=np.bool_), 0, FUTURE)
-    return WindowRows(series, centres[:rows], 0, FUTURE)
+def windows_of(series: Series, rows: int, future: int) -> WindowRows:
+    """Return the first `rows` windows of the series, so many samples into the future."""
+    centres = window_centres(series.stretch, np.ones(len(series.stretch), dtype=np.bool_), 0, future)
+    return WindowRows(series, centres[:rows], 0, future)
 
 
 class Standardised(RowSource):
@@ -85,17 +88,23 @@ class Standardised(RowSource):
         return rows
 
 
-def standardised(series: Series, rows: int) -> Standardised:
+def standardised(series: Series, rows: int, future: int = FUTURE) -> Standardised:
     """Return the first `rows` windows of the series, standardised by column."""
-    source = windows_of(series, rows)
+    source = windows_of(series, rows, future)
     starts = range(0, rows, 5000)
     mean = sum(source[start : start + 5000].sum(axis=0) for start in starts) / rows
     variance = sum(np.square(source[start : start + 5000] - mean).sum(axis=0) for start in starts) / rows
     return Standardised(source, mean, np.sqrt(variance))
 
 
+def save_series(folder: Path, rows: int) -> None:
+    """Save a series that has so many windows."""
+    series = simulate(rows)
+    np.savez(folder / "series.npz", **{field: getattr(series, field) for field in Series.__dataclass_fields__})
+
+
 def load_series(folder: Path) -> Series:
-    """Return the series that `main` saved."""
+    """Return the series that `save_series` saved."""
     stored = np.load(folder / "series.npz")
     return Series(**{name: stored[name] for name in stored.files})
 
@@ -108,16 +117,18 @@ def measured(work: Callable[[], Result]) -> Result:
     return {**result, "cpu_s": time.process_time() - begin, "peak_mb": _memory("VmHWM") - before}
 
 
-def fit_windows(folder: Path, rows: int, iterations: int, contender: str) -> Result:
-    """Make M steps on windows from the saved start, with scikit-learn, or in the precision named."""
+def fit_windows(folder: Path, rows: int, iterations: int, contender: str, future: int = FUTURE) -> Result:
+    """Make M steps on windows from the saved start, with scikit-learn or gmr, or in the precision named."""
     series = load_series(folder)
     start = np.load(folder / "start.npz")
-    source = standardised(series, rows)
+    source = standardised(series, rows, future)
     if contender == "scikit-learn":
         return _fit_scikit_learn(source[:], start, iterations)
+    if contender == "gmr":
+        return _fit_gmr(source[:], start, iterations)
     initial = GaussianMixture.from_parameters(start["weights"], start["means"], start["covariances"])
     precision: Precision = "double" if contender == "double" else "auto"
-    compiled = standardised(series, min(rows, 25_000))
+    compiled = standardised(series, min(rows, 25_000), future)
     GaussianMixture(len(initial.weights_), max_iterations=1, precision=precision).fit(compiled, initial_mixture=initial)
     mixture = GaussianMixture(len(initial.weights_), max_iterations=iterations, tolerance=0.0, precision=precision)
     result = measured(lambda: {"fit": mixture.fit(source, initial_mixture=initial)})
@@ -152,6 +163,15 @@ def _fit_scikit_learn(rows: Floats, start: Any, iterations: int) -> Result:
         "s_per_iteration": result["cpu_s"] / (iterations + 1),
         "log_likelihood": float(np.average(scores, weights=[len(part) for part in parts])),
     }
+
+
+def _fit_gmr(rows: Floats, start: Any, iterations: int) -> Result:
+    import gmr  # type: ignore[import-not-found]  # it is installed by `make bench` alone
+
+    mixture = gmr.GMM(len(start["weights"]), start["weights"], start["means"], start["covariances"])
+    result = measured(lambda: {"fit": mixture.from_samples(rows, R_diff=0.0, n_iter=iterations)})
+    del result["fit"]
+    return {**result, "rows": len(rows), "s_per_iteration": result["cpu_s"] / iterations}
 
 
 def _precisions(covariances: Floats) -> Floats:
@@ -207,6 +227,14 @@ def predict_windows(folder: Path, rows: int) -> Result:
             "rows_per_cpu_s": len(X) / min(took),
             "error_in_sd": float(error.max()),
         }
+    if importlib.util.find_spec("gmr") is not None:
+        import gmr
+
+        peer = gmr.GMM(len(mixture.weights_), mixture.weights_, mixture.means_, mixture.covariances_)
+        begin = time.process_time()
+        expected_mean = peer.predict(np.arange(inputs), X[:GMR_PREDICTIONS])
+        result["gmr"] = {"rows_per_cpu_s": GMR_PREDICTIONS / (time.process_time() - begin)}
+        assert np.allclose(regression.predict(X[:GMR_PREDICTIONS]), expected_mean)  # noqa: S101 - the same model
     return {**result, "one_row": time_one_row(regression, X)}
 
 
@@ -240,15 +268,19 @@ def _memory(name: str) -> float:
     return next(int(line.split()[1]) for line in lines if line.startswith(f"{name}:")) / 1024
 
 
-def compare_windows(folder: Path, rows: int, components: int, iterations: int) -> Result:
-    """Return both contenders and their ratios; the start is EM on 20,000 windows."""
+def compare_windows(folder: Path, rows: int, components: int, iterations: int, future: int = FUTURE) -> Result:
+    """Return the contenders and their ratios; the start is EM on 20,000 windows."""
     series = load_series(folder)
-    part = standardised(series, rows)[:: max(rows // 20_000, 1)]
+    part = standardised(series, rows, future)[:: max(rows // 20_000, 1)]
     start = GaussianMixture(components, max_iterations=5, n_starts=1).fit(part)
     np.savez(folder / "start.npz", weights=start.weights_, means=start.means_, covariances=start.covariances_)
-    ours = alone(fit_windows, folder, rows, iterations, "auto")
-    reference = alone(fit_windows, folder, rows, iterations, "scikit-learn")
+    ours = alone(fit_windows, folder, rows, iterations, "auto", future)
+    reference = alone(fit_windows, folder, rows, iterations, "scikit-learn", future)
+    others: Result = {}
+    if future == FUTURE and importlib.util.find_spec("gmr") is not None:
+        others["gmr"] = alone(fit_windows, folder, min(rows, GMR_ROWS), iterations, "gmr", future)
     return {
+        **others,
         "rows": rows,
         "channels": part.shape[1],
         "components": len(start.weights_),
@@ -292,8 +324,7 @@ def main() -> int:
     with TemporaryDirectory(prefix="wheelprint-mixtures-") as name:
         folder = Path(name)
         if arguments.components:
-            series = simulate(arguments.rows)
-            np.savez(folder / "series.npz", **{field: getattr(series, field) for field in Series.__dataclass_fields__})
+            save_series(folder, arguments.rows)
         for components in arguments.components:
             wide.append(compare_windows(folder, arguments.rows, components, arguments.iterations))
             _print_fit(f"EM, {arguments.rows} × 153, K = {components}", wide[-1], wide[-1]["ratio_per_iteration"])

@@ -209,6 +209,12 @@ def track(
         str | None,
         typer.Option("--path", help="test-track, or driver/recording; default: test-track and each driver's own."),
     ] = None,
+    recordings: Annotated[
+        int | None,
+        typer.Option(
+            "--recordings", min=0, help="Without --path: of each driver, evenly spread; default: 3, 0: all of them."
+        ),
+    ] = None,
     offset: Annotated[
         float, typer.Option("--offset", min=-5, max=5, help="m to the left of the path, where the car begins.")
     ] = 0.0,
@@ -218,7 +224,12 @@ def track(
 ) -> None:
     """Drive PP's test track and recorded paths in closed loop with each driver's lookahead laws, into results/."""
     _through_pipeline(
-        "track", lambda pipeline: pipeline.track(driver or (), path, offset), project, workers, force, as_json
+        "track",
+        lambda pipeline: pipeline.track(driver or (), path, offset, recordings),
+        project,
+        workers,
+        force,
+        as_json,
     )
 
 

@@ -130,11 +130,14 @@ class Pipeline:
             reason = f"stopped after {done} of {len(tasks)} cells; the same command goes on from there"
             self._report.problems.append(InputError(self._project.directory, name, reason))
 
-    def track(self, drivers: Sequence[str] = (), path: str | None = None, offset: float = 0.0) -> None:
+    def track(
+        self, drivers: Sequence[str] = (), path: str | None = None, offset: float = 0.0, recordings: int | None = None
+    ) -> None:
         """Models to drives in closed loop, `results/track.csv`."""
-        from .modeling.tracking import gather_tracks, plan_tracking
+        from .modeling.tracking import RECORDINGS, gather_tracks, plan_tracking
 
-        tasks = plan_tracking(self._project, drivers, path, offset)
+        most = RECORDINGS if recordings is None else recordings
+        tasks = plan_tracking(self._project, drivers, path, offset, most)
         self._stage("track", tasks, [])
         self._report.tables += gather_tracks(self._project, tasks)
 

@@ -171,7 +171,7 @@ def _senders(batch: pa.RecordBatch) -> Iterator[tuple[str, int | None, slice | n
         column = column if pa.types.is_dictionary(column.type) else column.dictionary_encode()
         values.append(column.dictionary.to_pylist())
         codes = codes * len(values[-1]) + column.indices.to_numpy(zero_copy_only=False)
-    distinct = np.unique(codes)
+    distinct = np.flatnonzero(np.bincount(codes))
     for code in distinct.tolist():
         rows = slice(None) if len(distinct) == 1 else np.flatnonzero(codes == code)
         if "source" in names:

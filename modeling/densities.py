@@ -15,6 +15,9 @@ from .estimator import FloatArray, Rows
 if TYPE_CHECKING:
     from .wide_rows import Bound
 
+NARROW = 8
+"""Columns up to which a compiled loop is faster than BLAS and LAPACK."""
+
 CHUNK_VALUES = 2**18
 """Values in one array of a chunk."""
 
@@ -55,6 +58,14 @@ class Parameters:
         """
         return 16.0 if self.precision == np.float32 else 37.0
 
+    def of_leading(self, m: int) -> Parameters:
+        """Return those of the first m columns: factors of leading columns are the leading parts of the factors."""
+        square = (slice(None), slice(m), slice(m))
+        means, *matrices = map(
+            plain, (self.means[:, :m], self.covariances[square], self.factors[square], self.inverses[square])
+        )
+        return Parameters(self.weights, means, *matrices, self.precision)
+
 
 def factorise(
     weights: FloatArray, means: FloatArray, covariances: FloatArray, precision: npt.DTypeLike = np.float64
@@ -70,6 +81,13 @@ def factorise(
     Raises:
         numpy.linalg.LinAlgError: A covariance is not positive definite.
     """
+    if means.shape[1] <= NARROW and precision == np.float64:
+        from .narrow_rows import lower_factors
+
+        factors, inverses, fine = lower_factors(plain(covariances))
+        if not fine:
+            raise np.linalg.LinAlgError("a covariance is not positive definite")
+        return Parameters(weights / weights.sum(), means, covariances, factors, inverses, np.dtype(precision))
     from scipy.linalg.lapack import dtrtri
 
     factors = np.linalg.cholesky(covariances).astype(np.float64, copy=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -42,7 +42,7 @@ def drive_track(
     bicycle: Bicycle,
     control: Control = "pursuit",
     limits: DriverLimits | None = None,
-    domain: Callable[[FloatArray], FloatArray] | None = None,
+    domain: FloatArray | None = None,
     offset: float = 0.0,
     tolerance: float = TOLERANCE,
 ) -> Drive:
@@ -57,7 +57,7 @@ def drive_track(
         bicycle: The car.
         control: `pursuit`, `bounded` or `combined`; the latter two need `limits`, the last one `domain`.
         limits: What the driver has shown.
-        domain: Share of the inputs learnt from that lie further out (n,) than inputs (n, 2); see
+        domain: Share of the inputs learnt from that lie further out than the track's `inputs` (n,); see
             `MixtureRegression.domain_probability`.
         offset: m, how far to the left of there the car begins.
         tolerance: m off the path from which on the controller of `combined` takes over.
@@ -87,7 +87,7 @@ def drive_track(
         rate = np.radians(shown.rate / bicycle.ratio)
         angle = _reachable(np.minimum(np.radians(shown.angle / bicycle.ratio), lock), rate, track.speed)
     if domain is not None and control == "combined":
-        share = share_within(domain(track.inputs))
+        share = share_within(domain)
     hands = float(np.radians(HANDS / bicycle.ratio)) if control == "combined" else np.inf
     began = track.steering_wheel_angle[0]
     if not np.isfinite(began):

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from .densities import (
     BLOCK,
+    NARROW,
     Parameters,
     bound_of,
     chunks,
@@ -27,9 +28,6 @@ from .estimator import FloatArray, Rows
 Work = Callable[[list[slice]], "Statistics"]
 
 CovarianceType = Literal["full", "tied", "diagonal"]
-
-NARROW = 8
-"""Columns up to which a compiled loop is faster than BLAS."""
 
 SINGLE_ROWS = 20_000
 """Rows from which on single precision pays."""
@@ -141,7 +139,7 @@ def parameters_of(weights: npt.ArrayLike, means: npt.ArrayLike, covariances: npt
 
 def _is_positive_definite(matrix: FloatArray) -> bool:
     try:
-        np.linalg.cholesky(matrix)
+        factorise(np.ones(1), np.zeros((1, len(matrix))), matrix[None])
     except np.linalg.LinAlgError:
         return False
     return True
@@ -195,7 +193,7 @@ def maximise(sample: Sample, start: Parameters, settings: Settings) -> Run:
             continue
         rise = outcome.log_likelihood - log_likelihoods[-1]
         if rise < 0 and single:
-            single, parameters = False, _doubled(parameters)
+            single, parameters = False, in_double(parameters)
             statistics = _pass(sample, parameters, settings.threads, distances)
             log_likelihoods[-1] = statistics.log_likelihood
             continue
@@ -253,7 +251,10 @@ def _rounded(parameters: Parameters) -> Parameters:
     return single if 0.5 * rounding_noise(single) < SINGLE_NOISE else parameters
 
 
-def _doubled(parameters: Parameters) -> Parameters:
+def in_double(parameters: Parameters) -> Parameters:
+    """Return the parameters with factors of double precision."""
+    if parameters.precision == np.float64:
+        return parameters
     return factorise(parameters.weights, parameters.means, parameters.covariances)
 
 
@@ -338,6 +339,12 @@ def _means_and_covariances(
     parameters: Parameters, statistics: Statistics, counts: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return each component's mean (k, d) and covariance about it (k, d, d), for the counts that are to divide."""
+    if parameters.means.shape[1] <= NARROW:
+        from .narrow_rows import moments_about_means
+
+        of_pass = plain(parameters.means), plain(parameters.factors)
+        means, covariances = moments_about_means(*of_pass, plain(counts), statistics.first, statistics.second)
+        return means, covariances
     shifts = statistics.first / counts[:, None]
     lower, second = np.tri(shifts.shape[1], dtype=np.bool_), statistics.second
     moments = np.where(lower, second, second.transpose(0, 2, 1)) / counts[:, None, None]

@@ -17,6 +17,7 @@ from .expectation_maximisation import (
     Sample,
     Settings,
     component_moments,
+    in_double,
     maximise,
     moments_of,
     parameters_of,
@@ -127,7 +128,10 @@ class GaussianMixture(Estimator):
         Raises:
             ValueError: The shapes do not belong together, or a weight or covariance is not positive.
         """
-        parameters = parameters_of(weights, means, covariances)
+        return cls._of(parameters_of(weights, means, covariances), **settings)
+
+    @classmethod
+    def _of(cls, parameters: Parameters, **settings: Any) -> Self:
         mixture = cls(len(parameters.weights), **settings)
         mixture._keep(parameters)
         mixture.converged_, mixture.n_iterations_ = True, 0
@@ -194,7 +198,7 @@ class GaussianMixture(Estimator):
                 generator = np.random.default_rng(self.random_state)
                 scale = np.sqrt(variances)
                 run = search(sample, self.n_components, self.start, self.n_starts, scale, settings, generator)
-        self._keep(run.parameters)
+        self._keep(in_double(run.parameters))
         self.log_likelihoods_, self.converged_ = np.array(run.log_likelihoods), run.converged
         self.n_iterations_ = len(self.log_likelihoods_) - 1
         return self
@@ -282,6 +286,12 @@ class GaussianMixture(Estimator):
             return component_moments(self._rows(X), self._parameters)
 
     @property
+    def factors(self) -> FloatArray:
+        """Lower triangular F of each component, Σ = F Fᵀ (k, n_features, n_features), in the units of the data."""
+        self._require_fit("means_")
+        return self._parameters.factors
+
+    @property
     def inverses(self) -> FloatArray:
         """Lower triangular W of each component, Wᵀ W = Σ⁻¹ (k, n_features, n_features), in inverse units."""
         self._require_fit("means_")
@@ -361,6 +371,9 @@ class GaussianMixture(Estimator):
         """
         self._require_fit("means_")
         index = np.asarray(dimensions, dtype=np.intp)
+        m = len(index)
+        if 0 < m <= self.n_features_in_ and (index == np.arange(m)).all():
+            return GaussianMixture._of(self._parameters.of_leading(m), covariance_type=self.covariance_type)
         return GaussianMixture.from_parameters(
             self.weights_,
             self.means_[:, index],

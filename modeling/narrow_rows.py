@@ -1,4 +1,4 @@
-"""Passes of k-means and expectation maximisation over rows of few columns, compiled: BLAS has nothing to gain there.
+"""Steps of k-means and expectation maximisation of few columns, compiled: BLAS and LAPACK have nothing to gain there.
 
 Expectation maximisation takes rows in blocks, a column of a block at a time, so that all of it, exponentials too, runs
 on vector units.
@@ -32,7 +32,7 @@ SUMS = {"reassoc", "nsz", "contract"}
 `exponentials`: what a function calls inherits it, and would be free to leave out the rounding."""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=SUMS)
 def lloyd_step(
     rows: FloatArray,
     weights: FloatArray,
@@ -146,6 +146,86 @@ def narrow_pass(
                 r[row] *= total[row]
             counts[c] += _add_moments(r, whitened[c], top, first[c], second[c])
     return log_likelihood
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def moments_about_means(
+    means: FloatArray, factors: FloatArray, counts: FloatArray, first: FloatArray, second: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return each component's mean, μ + F s, and its covariance about that, F (M − s sᵀ) Fᵀ: the M step (MP eq. 8).
+
+    s and M are the first and second moments of y = F⁻¹(x − μ), divided by the counts.
+
+    Args:
+        means: μ of the pass (k, d), in the units of the data.
+        factors: Lower F of the pass (k, d, d), in the same units.
+        counts: Numbers of rows that divide the sums, Σ r (k,).
+        first: Σ r y (k, d), without a unit.
+        second: Σ r y yᵀ, the lower triangle (k, d, d), without a unit.
+
+    Returns:
+        Means (k, d) in the units of the data, and covariances (k, d, d) in their squares.
+    """
+    k, d = means.shape
+    moved, covariances = means.copy(), np.empty((k, d, d))
+    within, product = np.empty((d, d)), np.empty((d, d))
+    for c in range(k):
+        for i in range(d):
+            for j in range(i + 1):
+                within[i, j] = second[c, i, j] / counts[c] - first[c, i] / counts[c] * (first[c, j] / counts[c])
+                within[j, i] = within[i, j]
+                moved[c, i] += factors[c, i, j] * (first[c, j] / counts[c])
+        for i in range(d):
+            for j in range(d):
+                total = 0.0
+                for l in range(i + 1):
+                    total += factors[c, i, l] * within[l, j]
+                product[i, j] = total
+        for i in range(d):
+            for j in range(i + 1):
+                total = 0.0
+                for l in range(j + 1):
+                    total += product[i, l] * factors[c, j, l]
+                covariances[c, i, j] = total
+                covariances[c, j, i] = total
+    return moved, covariances
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def lower_factors(matrices: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
+    """Return the lower factors F of Σ = F Fᵀ (Cholesky) and W = F⁻¹, and whether there are any.
+
+    Args:
+        matrices: Σ, symmetric (k, d, d), in the squared units of the data.
+
+    Returns:
+        F in the units of the data and W in the inverse units (k, d, d), and whether all matrices are positive definite:
+        else neither means anything.
+    """
+    k, d, _ = matrices.shape
+    factors, inverses = np.zeros((k, d, d)), np.zeros((k, d, d))
+    for c in range(k):
+        lower, inverse = factors[c], inverses[c]
+        for j in range(d):
+            pivot = matrices[c, j, j]
+            for l in range(j):
+                pivot -= lower[j, l] * lower[j, l]
+            if not pivot > 0.0:
+                return factors, inverses, False
+            lower[j, j] = math.sqrt(pivot)
+            for i in range(j + 1, d):
+                rest = matrices[c, i, j]
+                for l in range(j):
+                    rest -= lower[i, l] * lower[j, l]
+                lower[i, j] = rest / lower[j, j]
+        for j in range(d):
+            inverse[j, j] = 1.0 / lower[j, j]
+            for i in range(j + 1, d):
+                rest = 0.0
+                for l in range(j, i):
+                    rest += lower[i, l] * inverse[l, j]
+                inverse[i, j] = -rest / lower[i, i]
+    return factors, inverses, True
 
 
 @njit(cache=True, nogil=True, fastmath=SUMS)

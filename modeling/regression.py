@@ -375,7 +375,7 @@ class MixtureRegression(Estimator):
         """
         from scipy.linalg import solve_triangular
 
-        factors = np.linalg.cholesky(joint.covariances_)
+        factors = joint.factors
         upper, gains, rest = factors[:, :n_inputs, :n_inputs], factors[:, n_inputs:, :n_inputs], factors[:, n_inputs:]
         self.mixture_ = joint
         self.matrices_ = np.array(
@@ -424,7 +424,7 @@ class MixtureRegression(Estimator):
         order = telling_first(joint.covariances_[:, :n, :n])
         columns = np.append(order, np.arange(n, joint.n_features_in_))
         ordered = joint.marginal(columns)
-        factors, inputs = np.linalg.cholesky(ordered.covariances_), ordered.marginal(range(n))
+        factors, inputs = ordered.factors, ordered.marginal(range(n))
         log_weights = np.log(joint.weights_)
         row = OneRow(
             order,

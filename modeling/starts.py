@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .estimator import FloatArray
-from .expectation_maximisation import NARROW, Run, Sample, Settings, maximise, moments_of, step
+from .expectation_maximisation import Run, Sample, Settings, maximise, moments_of, step
 
 StartKind = Literal["k-means", "random"]
 
@@ -117,15 +117,6 @@ def k_means(
         centres, nearest = np.vstack([centres, candidates[best]]), left[:, best]
     labels = np.full(len(rows), -1, dtype=np.intp)
     for _ in range(iterations):
-        if rows.shape[1] <= NARROW:
-            settled = lloyd_step(rows, weights, centres, labels) == 0
-        else:
-            previous, labels = labels, distances_to(centres).argmin(axis=1)
-            settled = bool((labels == previous).all())
-            totals = np.bincount(labels, weights, k)
-            sums = (np.eye(k)[labels] * weights[:, None]).T @ rows
-            occupied = totals > 0
-            centres[occupied] = sums[occupied] / totals[occupied, None]
-        if settled:
+        if lloyd_step(rows, weights, centres, labels) == 0:
             break
     return labels

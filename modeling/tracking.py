@@ -36,20 +36,28 @@ SECTION = "tracks"
 DRAWN = (*((law, "pursuit") for law in LAWS), ("velocity", "bounded"), ("velocity", "combined"))
 """Law and control of the drives that a cell keeps, beside the driver's own."""
 
+RECORDINGS = 3
+"""Of each driver that are driven where none is named: a quarter of an hour takes all laws and controls some seconds."""
+
 LENGTH = 500.0
 """m of each path that are kept, those where it bends most."""
 
 
 def plan_tracking(
-    project: Project, drivers: Sequence[str] = (), path: str | None = None, offset: float = 0.0
+    project: Project,
+    drivers: Sequence[str] = (),
+    path: str | None = None,
+    offset: float = 0.0,
+    recordings: int = RECORDINGS,
 ) -> list[Task]:
     """Plan one task for each driver and path.
 
     Args:
         project: The project.
         drivers: Whose laws; none: everybody's who has trained models of the lookahead distance.
-        path: `TEST_TRACK` or `driver/recording`; None: the test track, and the recordings of each driver.
+        path: `TEST_TRACK` or `driver/recording`; None: the test track, and recordings of each driver.
         offset: m to the left of where the driver began, where the car begins.
+        recordings: Most recordings of each driver where none is named, evenly spread over theirs; 0: all.
 
     Raises:
         InputError: Nothing was trained yet, a driver has no models, or there is no such recording or none at all.
@@ -69,6 +77,8 @@ def plan_tracking(
     tasks = []
     for driver in drivers or there.trained:
         own = [key for key in there.built if there.recordings[key].driver == driver]
+        if 0 < recordings < len(own):
+            own = [own[place] for place in np.linspace(0, len(own) - 1, recordings).astype(int).tolist()]
         paths = [TEST_TRACK, *own] if path is None else [path]
         tasks += [_task(project, there, driver, where, offset) for where in paths]
     return tasks
@@ -174,11 +184,12 @@ def drive_laws(
         rows.append({**where, **of_driver, **measures, "steering_error": None, "lookahead_error": None})
         drawn.append({**of_driver, **_between(told[shown], first, last)})
     with one_thread():
+        domains = [mixtures[0].regression.domain_probability(track.inputs) for track in tracks]
         for name, law in laws.items():
             for control in CONTROLS:
                 drives = [
-                    drive_track(track, law, bicycle, control, limits, mixtures[0].regression.domain_probability, offset)
-                    for track in tracks
+                    drive_track(track, law, bicycle, control, limits, domain, offset)
+                    for track, domain in zip(tracks, domains, strict=True)
                 ]
                 measures = measure(list(zip(tracks, drives, strict=True)))
                 rows.append({**where, "law": name, "control": control, **measures})

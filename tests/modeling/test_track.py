@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -55,8 +54,9 @@ def constant(distance: float) -> ConstantLookahead:
     return ConstantLookahead().fit(np.zeros((1, 2)), np.array([distance]))
 
 
-def everywhere(share: float) -> Callable[[FloatArray], FloatArray]:
-    return lambda inputs: np.full(len(inputs), share)
+def everywhere(track: Track, share: float) -> FloatArray:
+    """Return a domain of which all the track's inputs are the same share."""
+    return np.full(len(track.inputs), share)
 
 
 def bend(curvature: float, speed: float, length: float = 300.0) -> Track:
@@ -133,7 +133,7 @@ def test_combined_always_returns(speed: float, lateral: float, side: float, look
     """Starting 3 m off, at any speed, curvature, lookahead distance, and however strange the inputs are."""
     curvature = max(min(lateral / speed**2, 1 / 12), -1 / 12)
     track = bend(curvature, speed, 150.0 + 15.0 * speed)
-    driven = drive_track(track, constant(lookahead), CAR, "combined", WIDE, everywhere(known), offset=side)
+    driven = drive_track(track, constant(lookahead), CAR, "combined", WIDE, everywhere(track, known), offset=side)
     late = driven["distance"] > driven["distance"][-1] - 20
     assert abs(driven["deviation"][0] - side) < 0.01
     assert np.abs(driven["deviation"]).max() < 3.6
@@ -147,7 +147,7 @@ def test_controller_alone_returns_to_the_path(speed: float, lateral: float, side
     """Where nothing is known, the deviation goes to zero and hardly beyond, whatever the driver would do."""
     curvature = max(min(lateral / speed**2, 1 / 12), -1 / 12)
     track = bend(curvature, speed, 150.0 + 15.0 * speed)
-    driven = drive_track(track, constant(1.0), CAR, "combined", WIDE, everywhere(0.0), offset=side)
+    driven = drive_track(track, constant(1.0), CAR, "combined", WIDE, everywhere(track, 0.0), offset=side)
     assert driven["driver_share"].max() < 1e-9
     assert np.abs(driven["deviation"][driven["distance"] > driven["distance"][-1] - 10]).max() < 0.05
     assert (np.sign(side) * driven["deviation"]).min() > -0.5
@@ -216,7 +216,7 @@ def test_bounded_never_exceeds_the_limits(
     """Lookahead, angle and rate of the driver, wherever the car begins and however tight the track is."""
     track = lay_track([(30, 0), *radii, (80, 0)])
     limits = limits_of(seed)
-    driven = drive_track(track, constant(lookahead), CAR, control, limits, everywhere(0.5), offset=side)
+    driven = drive_track(track, constant(lookahead), CAR, control, limits, everywhere(track, 0.5), offset=side)
     angle, distance = driven["driver_angle"], driven["distance"]
     assert (np.abs(angle) <= limits.at(driven["speed"]).angle + 1e-9).all()
     shown = limits.at(track.speed)
@@ -233,9 +233,8 @@ def test_bounded_never_exceeds_the_limits(
 def test_controller_takes_over_by_and_by_where_the_inputs_are_strange() -> None:
     np.testing.assert_allclose(share_within(np.array([0.0, 1e-4, 1e-3, 10**-2.5, 1e-2, 0.5])), [0, 0, 0, 0.5, 1, 1])
     track = bend(0.0, 10.0)
-    driven = drive_track(
-        track, constant(8.0), CAR, "combined", WIDE, lambda inputs: np.where(np.arange(len(inputs)) < 600, 1.0, 0.0)
-    )
+    domain = np.where(np.arange(len(track.inputs)) < 600, 1.0, 0.0)
+    driven = drive_track(track, constant(8.0), CAR, "combined", WIDE, domain)
     share = driven["driver_share"]
     assert share[driven["distance"] < 149].min() == 1.0
     assert share[-1] < 0.01

@@ -59,6 +59,8 @@ def test_plan_names_every_driver_and_path(trained: Project) -> None:
     names = [task.name for task in plan_tracking(trained)]
     own = [f"{OTHER}/{OTHER}/drive {number}" for number in (0, 1)]
     assert names == [f"{DRIVER}/{TEST_TRACK}", f"{DRIVER}/{RECORDING}", f"{OTHER}/{TEST_TRACK}", *own]
+    assert [task.name for task in plan_tracking(trained, [OTHER], recordings=1)] == [f"{OTHER}/{TEST_TRACK}", own[0]]
+    assert [task.name for task in plan_tracking(trained, [OTHER], recordings=0)] == [f"{OTHER}/{TEST_TRACK}", *own]
     assert [task.name for task in plan_tracking(trained, [OTHER], RECORDING, -1.5)] == [f"{OTHER}/{RECORDING}/-1.5 m"]
     marks = {task.fingerprint for path in (TEST_TRACK, RECORDING) for o in (0.0, 1.0)
              for task in plan_tracking(trained, (), path, o)}  # fmt: skip
