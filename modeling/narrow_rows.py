@@ -27,6 +27,9 @@ LN2_HIGH, LN2_LOW = 0.693147180369123816490, 1.90821492927058770002e-10
 ROUNDING = 1.5 * 2.0**52
 """A double of this size has no fraction: adding it rounds, and leaves the rounded number in the lowest bits."""
 
+SINGULAR = 16 * 2.0**-52
+"""A column's variance, given those before it, that is below this share of its own for each column is rounding alone."""
+
 SUMS = {"reassoc", "nsz", "contract"}
 """What may be assumed of floating point: sums in any order, so that vector units can form them. Never around
 `exponentials`: what a function calls inherits it, and would be free to leave out the rounding."""
@@ -210,7 +213,7 @@ def lower_factors(matrices: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
             pivot = matrices[c, j, j]
             for l in range(j):
                 pivot -= lower[j, l] * lower[j, l]
-            if not pivot > 0.0:
+            if not pivot > SINGULAR * d * matrices[c, j, j]:
                 return factors, inverses, False
             lower[j, j] = math.sqrt(pivot)
             for i in range(j + 1, d):
