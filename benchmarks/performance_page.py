@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from html import escape
 
@@ -22,8 +23,23 @@ PACKETS = 2.0
 PEAK_MB = 400
 """That a CAN log of any length was to stay below."""
 
+NAMES = {"double": "Wheelprint, double", "single": "Wheelprint, single", "gmr": "gmr, means alone"}
+"""Of contenders that predict."""
+LARGE_SHARE = 0.2
+"""Of a whole run; a stage that takes more needs a reason."""
+REASONS = {
+    "evaluate": (
+        "ten folds of every driver are learnt from anew, the baselines too, and each mixture of the motion primitives "
+        "once more for each block that its bands are calibrated on; what a fold learns from is limited to 20,000 "
+        "evenly spread windows, so that the cost hardly grows with the hours"
+    ),
+    "convert": "every frame and packet is read, decoded and written, and clocks and signs are estimated",
+}
+
 Bars = Sequence[tuple[str, float, str]]
 """Name, length, and what is written behind the bar."""
+Curves = Mapping[str, Sequence[tuple[float, float]]]
+"""Points (x, y) of each line by its name."""
 
 
 def bars(title: str, rows: Bars) -> str:
@@ -46,6 +62,44 @@ def bars(title: str, rows: Bars) -> str:
             f'<rect x="{left}" y="{y}" width="{long:.1f}" height="18" fill="{colour}"/>',
             f'<text x="{left + long + 6:.1f}" y="{y + 14}">{escape(told)}</text>',
         ]
+    return "\n".join([*drawn, "</svg>"]) + "\n"
+
+
+def curves(title: str, x: str, y: str, lines: Curves) -> str:
+    """Return an SVG of lines over logarithmic axes; those of Wheelprint are dark."""
+    width, height, left, right, top, bottom = 560, 340, 70, 150, 40, 50
+    middle = height / 2
+    points = [point for line in lines.values() for point in line]
+    (low_x, high_x), (low_y, high_y) = ((min(values), max(values)) for values in zip(*points, strict=True))
+
+    def place(point: tuple[float, float]) -> tuple[float, float]:
+        across = math.log(point[0] / low_x) / math.log(high_x / low_x)
+        up = math.log(point[1] / low_y) / math.log(high_y / low_y)
+        return left + (width - left - right) * across, height - bottom - (height - top - bottom) * up
+
+    size = f'viewBox="0 0 {width} {height}" width="{width}" height="{height}"'
+    drawn = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" {size} font-family="sans-serif" font-size="12">',
+        f'<rect width="{width}" height="{height}" fill="#ffffff"/>',
+        f'<text x="10" y="22" font-size="13" font-weight="bold">{escape(title)}</text>',
+        f'<path d="M{left} {top}V{height - bottom}H{width - right}" fill="none" stroke="#888888"/>',
+        f'<text x="{(left + width - right) / 2}" y="{height - 10}" text-anchor="middle">{escape(x)}</text>',
+        f'<text x="16" y="{middle}" text-anchor="middle" transform="rotate(-90 16 {middle})">{escape(y)}</text>',
+    ]
+    for value in sorted({point[0] for point in points}):
+        at, _ = place((value, low_y))
+        drawn.append(f'<text x="{at:.1f}" y="{height - bottom + 16}" text-anchor="middle">{value:g}</text>')
+    for value in (low_y, math.sqrt(low_y * high_y), high_y):
+        _, at = place((low_x, value))
+        drawn.append(f'<text x="{left - 6}" y="{at + 4:.1f}" text-anchor="end">{value:.2g}</text>')
+    for name, line in lines.items():
+        colour = "#1f5fa8" if name.startswith("Wheelprint") else "#8c95a1"
+        places = [place(point) for point in sorted(line)]
+        path = " ".join(f"{across:.1f},{up:.1f}" for across, up in places)
+        drawn.append(f'<polyline points="{path}" fill="none" stroke="{colour}" stroke-width="2"/>')
+        drawn += [f'<circle cx="{across:.1f}" cy="{up:.1f}" r="3" fill="{colour}"/>' for across, up in places]
+        across, up = places[-1]
+        drawn.append(f'<text x="{across + 8:.1f}" y="{up + 4:.1f}" fill="{colour}">{escape(name)}</text>')
     return "\n".join([*drawn, "</svg>"]) + "\n"
 
 
@@ -135,6 +189,13 @@ def _mixtures(part: Result, files: dict[str, str]) -> list[str]:
             f"{other['s_per_iteration']:.2f} s, {other['peak_mb']:.0f} MB | {ratio:.1f} |"
         )
         rows.append((what, ratio, f"{ratio:.1f} ×"))
+        if peer := fit.get("gmr"):
+            of_ours = peer["s_per_iteration"] / peer["rows"] * fit["rows"] / ours["s_per_iteration"]
+            lines.append(
+                f"| the same, a row of an iteration of gmr's, on {peer['rows']:,} rows | "
+                f"{1e6 * ours['s_per_iteration'] / fit['rows']:.2f} µs | "
+                f"gmr: {1e6 * peer['s_per_iteration'] / peer['rows']:.2f} µs | {of_ours:.1f} |"
+            )
     if narrow := part.get("narrow"):
         ours, other = narrow["wheelprint"], narrow["scikit-learn"]
         what = f"{narrow['rows']:,} × 3, K = {narrow['components']}, {narrow['starts']} starts"
@@ -146,8 +207,11 @@ def _mixtures(part: Result, files: dict[str, str]) -> list[str]:
         lines += ["", "![scikit-learn's CPU seconds, in ours](performance-mixtures.svg)\n"]
     if part.get("prediction"):
         lines += ["| mixture regression, 103 → 50 | rows per CPU s | one row, p99 |", "|---|---|---|"]
-        for name, figures in part["prediction"].items():
-            lines.append(f"| {name} | {figures['rows_per_cpu_s']:,.0f} | {figures['one_row_us_p99']:.0f} µs |")
+        one = part["prediction"]["one_row"]
+        for name in ("double", "single", "gmr"):
+            if figures := part["prediction"].get(name):
+                last = f"{one['us_p99']:.0f} µs" if name == "double" else ""
+                lines.append(f"| {NAMES[name]} | {figures['rows_per_cpu_s']:,.0f} | {last} |")
     lines.append("")
     return lines
 
@@ -167,29 +231,68 @@ def _build(part: Result, _files: dict[str, str]) -> list[str]:
 
 
 def _whole(part: Result, files: dict[str, str]) -> list[str]:
-    rows = [(f"Wheelprint, {run['hours']:g} h", run["wall_s"], f"{run['wall_s']:.0f} s") for run in part["runs"]]
-    files["performance-run.svg"] = bars("wheelprint run, raw logs to report, wall time", rows)
+    runs = part["runs"]
+    took = {"Wheelprint": [(run["hours"], run["wall_s"]) for run in runs]}
+    if len(runs) > 1:
+        files["performance-run.svg"] = curves("wheelprint run, raw logs to report", "hours", "wall time, s", took)
+    what = "Four simulated drivers: candump logs and NCOM in recordings of a quarter of an hour; `wheelprint run`"
     lines = [
         "## From raw logs to the report\n",
+        f"{what} with its defaults. Peak memory is that of all processes together.\n",
         "| hours | workers | wall s | CPU s | peak memory |",
         "|---|---|---|---|---|",
     ]
-    for run in part["runs"]:
+    for run in runs:
         figures = f"{run['wall_s']:.0f} | {run['cpu_s']:.0f} | {run['peak_mb']:.0f} MB"
         lines.append(f"| {run['hours']:g} | {run['workers']} | {figures} |")
-    lines += ["", "![Wall time by hours](performance-run.svg)\n"]
+    lines.append("")
     if "exponent" in part:
+        lines.append("![Wall time by hours](performance-run.svg)\n")
         lines.append(
             f"Wall time grows as hours^{part['exponent']:.2f}; {part['projected_hours']:g} hours would take "
             f"{part['projected_wall_s'] / 60:.0f} minutes: projected, not measured.\n"
         )
+    longest = max(runs, key=lambda run: float(run["hours"]))
+    shares = {stage: seconds / longest["wall_s"] for stage, seconds in longest["stages_s"].items()}
+    told = ", ".join(f"{stage} {100 * share:.0f} %" for stage, share in shares.items())
+    lines.append(f"Of {longest['hours']:g} hours' wall time: {told}.\n")
+    for stage, share in shares.items():
+        if share > LARGE_SHARE:
+            lines.append(f"Why {stage} takes {100 * share:.0f} %: {REASONS.get(stage, 'not known')}.\n")
     return lines
+
+
+def _scaling(part: Result, files: dict[str, str]) -> list[str]:
+    lines = [
+        "## How the cost grows\n",
+        f"EM on {part['components'][0]['rows']:,} windows, CPU seconds an iteration.\n",
+        "| components | columns | Wheelprint | scikit-learn | ratio |",
+        "|---|---|---|---|---|",
+    ]
+    for fit in [*part["components"], *part["columns"]]:
+        ours, other = (fit[name]["s_per_iteration"] for name in ("wheelprint", "scikit-learn"))
+        ratio = fit["ratio_per_iteration"]
+        lines.append(f"| {fit['components']} | {fit['channels']} | {ours:.3f} | {other:.3f} | {ratio:.1f} |")
+    lines.append("")
+    for what, x, of in (("components", "components", "components"), ("columns", "columns", "channels")):
+        drawn = {
+            name: [(fit[of], fit[key]["s_per_iteration"]) for fit in part[what]]
+            for name, key in (("Wheelprint", "wheelprint"), ("scikit-learn", "scikit-learn"))
+        }
+        files[f"performance-{what}.svg"] = curves(f"EM by {x}", x, "CPU s an iteration", drawn)
+        lines.append(f"![CPU seconds of an iteration by {x}](performance-{what}.svg)\n")
+    return lines + [
+        f"`wheelprint run` on {run['hours']:g} hours, {run['workers']} worker{'s' if run['workers'] > 1 else ''}: "
+        f"{run['wall_s']:.0f} s wall, {run['cpu_s']:.0f} CPU s, {run['peak_mb']:.0f} MB.\n"
+        for run in part["workers"]
+    ]
 
 
 PARTS = {
     "decoding": _decoding,
     "whole_run": _whole,
     "mixtures": _mixtures,
+    "scaling": _scaling,
     "prediction": _prediction,
     "build_ten_hours": _build,
 }

@@ -36,10 +36,11 @@ def results_of(module: str, *options: str) -> Result:
 
 def parts(*, long: bool) -> dict[str, Callable[[], Result]]:
     """Return the parts by name, in the order of the page."""
-    goal = ("--rows", "500000", "--narrow", "1000000", "--narrow-starts", "2")
+    goal = ("--rows", "500000", "--iterations", "12", "--narrow", "1000000", "--narrow-starts", "1")
     return {
         "decoding": lambda: decoding.run(long_frames=decoding.LONG_FRAMES if long else 0),
         "mixtures": lambda: results_of("benchmarks.mixtures", *(goal if long else ())),
+        "scaling": lambda: results_of("benchmarks.scaling"),
         "prediction": prediction.run,
         "build_ten_hours": build_ten_hours.run,
         "whole_run": lambda: results_of("benchmarks.whole_run"),

@@ -150,14 +150,18 @@ class Pipeline:
         self._report.tables.append(("", ("report",), [(str(path),)]))
 
     def run(self) -> None:
-        """All stages; a stage that finds nothing to work on ends the run, and the report is written all the same."""
+        """All stages; a stage that finds nothing to work on ends the run, and the report is written all the same.
+
+        What readers of logs keep in memory is nothing to models, nor what these keep to the report: processes end there.
+        """
         try:
-            for stage in (self.convert, self.build, self.train, self.evaluate, self.track):
+            for stage in (self.convert, self.build, self._workers.close, self.train, self.evaluate, self.track):
                 stage()
         except InputError as error:
             if not self._entries("recordings"):
                 raise
             self._report.problems.append(error)
+        self._workers.close()
         self.report()
 
     def _stage(

@@ -64,7 +64,12 @@ class Workers:
         return self
 
     def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the processes and what they hold; the next tasks get new ones."""
         self._open.close()
+        self._client = None
 
     def run(self, tasks: Sequence[Task], stopped: Callable[[], bool]) -> Iterator[tuple[Task, Outcome | InputError]]:
         """Yield each task with what came of it, in the order in which they end.

@@ -59,6 +59,16 @@ def test_an_interrupted_stage_records_what_it_began_and_goes_on_from_there(tmp_p
     assert len(first.done) + len(second.done) == TASKS
 
 
+def test_processes_that_were_ended_begin_anew(tmp_path: Path) -> None:
+    with Workers(2) as workers:
+        for number in (1, 2):
+            folder = tmp_path / f"{number}"
+            folder.mkdir()
+            ended = [task.name for task, _ in workers.run(tasks(folder), lambda: False)]
+            assert sorted(ended) == sorted(file.name for file in folder.iterdir())
+            workers.close()
+
+
 def test_a_second_interrupt_stops_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runner, "IMPATIENCE", -1.0)
     before = signal.getsignal(signal.SIGINT)
