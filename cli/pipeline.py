@@ -152,11 +152,15 @@ class Pipeline:
     def run(self) -> None:
         """All stages; a stage that finds nothing to work on ends the run, and the report is written all the same.
 
-        What readers of logs keep in memory is nothing to models, nor what these keep to the report: processes end there.
+        What reading logs leaves in memory is nothing to models, nor what these leave to the report: processes end there.
         """
         try:
-            for stage in (self.convert, self.build, self._workers.close, self.train, self.evaluate, self.track):
-                stage()
+            self.convert()
+            self.build()
+            self._workers.close()
+            self.train()
+            self.evaluate()
+            self.track()
         except InputError as error:
             if not self._entries("recordings"):
                 raise
