@@ -152,7 +152,7 @@ class Pipeline:
     def run(self) -> None:
         """All stages; a stage that finds nothing to work on ends the run, and the report is written all the same.
 
-        What reading logs leaves in memory is nothing to models, nor what these leave to the report: processes end there.
+        What reading logs leaves in memory is nothing to models, nor theirs to the report: processes end in between.
         """
         try:
             self.convert()

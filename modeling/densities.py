@@ -61,10 +61,10 @@ class Parameters:
     def of_leading(self, m: int) -> Parameters:
         """Return those of the first m columns: factors of leading columns are the leading parts of the factors."""
         square = (slice(None), slice(m), slice(m))
-        means, *matrices = map(
-            plain, (self.means[:, :m], self.covariances[square], self.factors[square], self.inverses[square])
+        covariances, factors, inverses = (
+            plain(matrices[square]) for matrices in (self.covariances, self.factors, self.inverses)
         )
-        return Parameters(self.weights, means, *matrices, self.precision)
+        return Parameters(self.weights, plain(self.means[:, :m]), covariances, factors, inverses, self.precision)
 
 
 def factorise(
