@@ -11,6 +11,8 @@ On a machine that does other things a clock measures those too. So of every figu
                 the core to somebody else; C in processor time, by batches of 20 calls
     fastest     p99 over the inputs of each input's fastest call (ONNX) or batch (C): what the program itself takes
 
+Beside ONNX a loop is measured that takes as long whatever it is given: its p99 is the machine's alone.
+
 It ends with 1 unless p99 is below 100 µs in ONNX (float64; mean, sd and domain score; one thread) and 20 µs in C.
 """
 
@@ -116,6 +118,24 @@ def time_onnx(session: Any, inputs: Floats, rounds: int) -> Floats:
     return took
 
 
+def time_nothing(like: float, inputs: int, rounds: int) -> Floats:
+    """Return, as `time_onnx` does, the µs of a loop that is always as long, about `like` µs: what the machine adds."""
+    long = 20_000
+    before = time.perf_counter_ns()
+    sum(range(long))
+    numbers = range(round(like * long / ((time.perf_counter_ns() - before) / 1e3)))
+    took = np.full((rounds, inputs), np.nan)
+    for one in range(rounds):
+        for place in range(inputs):
+            switches = resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw
+            before = time.perf_counter_ns()
+            sum(numbers)
+            spent = (time.perf_counter_ns() - before) / 1e3
+            if resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw == switches:
+                took[one, place] = spent
+    return took
+
+
 def time_c(header: str, inputs: Floats, rounds: int, level: str) -> Floats:
     """Return the µs of a call for every round and input (rounds, n_inputs), by batches of calls with one input."""
     with tempfile.TemporaryDirectory() as folder:
@@ -173,6 +193,9 @@ def run(
                 took = time_onnx(session, sample.astype(precision), rounds)
                 limit = LIMITS["ONNX"] if precision == "float64" and not covariance else None
                 calls.append(figures(k, f"ONNX {precision}{', with covariance' if covariance else ''}", took, limit))
+                if limit is not None:
+                    took = time_nothing(calls[-1]["p50"], inputs, rounds)
+                    calls.append(figures(k, "a loop of as long, whatever it is given", took, None))
         header = c_header(plain, "bench", ["Benchmark"], [], "mean and variance")
         everything = header.replace(f"best - {NEGLIGIBLE}", "best - 1e300").replace(f"> -{NEGLIGIBLE} ?", "> -1e300 ?")
         for level in levels:
