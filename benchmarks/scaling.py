@@ -48,7 +48,7 @@ def main() -> int:
     """Measure, print, and write the JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rows", type=int, default=50_000)
-    parser.add_argument("--hours", type=float, default=2.0, help="of the whole runs; 0: none")
+    parser.add_argument("--hours", type=float, default=1.0, help="of the whole runs; 0: none")
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
