@@ -72,6 +72,10 @@ class Stamps:
 
     def _add(self, time: Times) -> None:
         first = self.start is None
+        if self._goes_on(time):
+            self.start, self.stop = int(time[0]) if self.start is None else self.start, int(time[-1])
+            self._last, self._alike = int(time[-1]), 1
+            return
         self.start = int(time.min()) if self.start is None else min(self.start, int(time.min()))
         self.stop = int(time.max()) if self.stop is None else max(self.stop, int(time.max()))
         before = np.concatenate((time[:1] if first else np.array([self._last], np.int64), time[:-1]))
@@ -80,6 +84,13 @@ class Stamps:
         self._see(self.gaps, steps, before, steps > GAP)
         self._see_repeated(time, steps == 0, first=first)
         self._last = int(time[-1])
+
+    def _goes_on(self, time: Times) -> bool:
+        """Tell whether these stamps follow all others, each later than the one before it, without a gap."""
+        if self.stop is not None and (self._last < self.stop or not 0 < int(time[0]) - self._last <= GAP):
+            return False
+        steps = np.diff(time)
+        return len(time) == 1 or bool(steps.min() > 0 and steps.max() <= GAP)
 
     @staticmethod
     def _see(finding: Finding, sizes: Times, before: Times, found: npt.NDArray[np.bool_]) -> None:

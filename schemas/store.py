@@ -62,7 +62,11 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def parquet_writer(path: Path, schema: pa.Schema) -> pq.ParquetWriter:
-    """Open a Parquet writer with the settings that measured best: see the design, "Work and files"."""
+    """Open a Parquet writer with the settings that measured best: see the design, "Work and files".
+
+    Row groups tell the range of their stamps, by which readers choose them; that of every signal would cost an eighth
+    of all writing.
+    """
     plain = [f.name for f in schema if not (pa.types.is_string(f.type) or pa.types.is_dictionary(f.type))]
     floats = [f.name for f in schema if pa.types.is_floating(f.type)]
     steps = [f.name for f in schema if pa.types.is_timestamp(f.type) or pa.types.is_integer(f.type)]
@@ -72,6 +76,7 @@ def parquet_writer(path: Path, schema: pa.Schema) -> pq.ParquetWriter:
         compression="zstd",
         compression_level=1,
         use_dictionary=[f.name for f in schema if f.name not in plain],
+        write_statistics=[f.name for f in schema if pa.types.is_timestamp(f.type)],
         column_encoding=dict.fromkeys(steps, "DELTA_BINARY_PACKED") | dict.fromkeys(floats, "BYTE_STREAM_SPLIT"),
         write_page_checksum=True,
     )
