@@ -233,10 +233,10 @@ def predict_windows(folder: Path, rows: int) -> Result:
         peer = gmr.GMM(len(mixture.weights_), mixture.weights_, mixture.means_, mixture.covariances_)
         begin = time.process_time()
         theirs = peer.predict(np.arange(inputs), X[:GMR_PREDICTIONS])
-        took = time.process_time() - begin
+        seconds = time.process_time() - begin
         # gmr does not compute in logarithms: in so many dimensions its responsibilities may leave the range of doubles.
         same = np.isclose(regression.predict(X[:GMR_PREDICTIONS]), theirs, rtol=1e-6).all(axis=1)
-        result["gmr"] = {"rows_per_cpu_s": GMR_PREDICTIONS / took, "share_equal_to_ours": float(same.mean())}
+        result["gmr"] = {"rows_per_cpu_s": GMR_PREDICTIONS / seconds, "share_equal_to_ours": float(same.mean())}
     return {**result, "one_row": time_one_row(regression, X)}
 
 
