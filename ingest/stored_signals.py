@@ -246,7 +246,6 @@ def find_navigation(files: Sequence[Path]) -> tuple[dict[str, NavigationSignal],
     for file in files:
         content = pq.read_metadata(file)
         schema = content.schema.to_arrow_schema()
-        groups = [content.row_group(number) for number in range(content.num_row_groups)]
         if content.num_rows == 0:
             continue
         samples += content.num_rows
@@ -254,8 +253,7 @@ def find_navigation(files: Sequence[Path]) -> tuple[dict[str, NavigationSignal],
         first, last = time[0].value, time[-1].value
         stamps += [first, last]
         for name in NAV_SIGNALS:
-            place = schema.get_field_index(name)
-            if any(group.column(place).statistics.null_count < group.num_rows for group in groups):
+            if any(batch[name].null_count < len(batch) for batch in read_batches(file, [name])):
                 known.add(name)
         if origin := json.loads((schema.metadata or {}).get(b"origin", b"null")):
             origins[first] = Origin(**origin)
