@@ -20,7 +20,7 @@ BATCH = 65_536
 """Packets decoded at once; about 11 MB."""
 BLOCK = 1 << 24
 """Bytes searched at once."""
-_MILLISECONDS, _STATUS, _CHANNEL, _MINUTE, _UTC = slice(0, 2), 2, 3, slice(4, 8), 8
+_MILLISECONDS, _STATUS, _CHANNEL, _MINUTE, _UTC = (0, 1), 2, 3, slice(4, 8), 8
 """Where each is found among the bytes `ncom_sync.HEAD`."""
 
 
@@ -122,8 +122,8 @@ def scan_packets(path: Path, account: Account) -> Scan:
         )
         raise InputError(path, "", reason)
     _account_for_the_rest(data, offset, account)
-    milliseconds = heads[:, _MILLISECONDS].copy().view("<u2")[:, 0]
-    stamps = stamp_packets(heads[:, _STATUS].copy(), milliseconds, *_notices(heads))
+    low, high = (heads[place].astype(np.uint16) for place in _MILLISECONDS)
+    stamps = stamp_packets(heads[_STATUS], low | high << 8, *_notices(heads))
     return Scan(data, mapped, offset, stamps)
 
 
@@ -149,17 +149,17 @@ def _forget(mapped: mmap | None) -> None:
 
 
 def _find(data: npt.NDArray[np.uint8], mapped: mmap | None) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.uint8]]:
-    """Return the offsets (n,) of all packets, and of each the bytes `ncom_sync.HEAD` (n, 9)."""
+    """Return the offsets (n,) of all packets, and of each the bytes `ncom_sync.HEAD` (9, n)."""
     from .ncom_sync import HEAD, find_packets
 
-    offsets, heads, place = [np.empty(0, np.int64)], [np.empty((0, len(HEAD)), np.uint8)], 0
+    offsets, heads, place = [np.empty(0, np.int64)], [np.empty((len(HEAD), 0), np.uint8)], 0
     while len(data) - place >= layout.LENGTH:
         found, head_of, searched = find_packets(data[place : place + BLOCK])
         offsets.append(found + place)
         heads.append(head_of)
         place += searched
         _forget(mapped)
-    return np.concatenate(offsets), np.concatenate(heads)
+    return np.concatenate(offsets), np.concatenate(heads, axis=1)
 
 
 def _account_for_the_rest(data: npt.NDArray[np.uint8], offset: npt.NDArray[np.int64], account: Account) -> None:
@@ -182,12 +182,12 @@ def _account_for_the_rest(data: npt.NDArray[np.uint8], offset: npt.NDArray[np.in
 
 def _notices(heads: npt.NDArray[np.uint8]) -> tuple[Notices, Notices]:
     """Return the valid GPS minutes (status channel 0) and differences UTC - GPS in seconds (status channel 16)."""
-    holds_channel, channel = layout.holds_channel(heads[:, _STATUS]), heads[:, _CHANNEL]
+    holds_channel, channel = layout.holds_channel(heads[_STATUS]), heads[_CHANNEL]
     minute_at = np.flatnonzero(holds_channel & (channel == layout.TIME_CHANNEL))
-    minute = heads[minute_at, _MINUTE].copy().view("<i4")[:, 0].astype(np.int64)
+    minute = np.ascontiguousarray(heads[_MINUTE, minute_at].T).view("<i4")[:, 0].astype(np.int64)
     valid = (minute >= layout.FIRST_VALID_MINUTE) & (minute <= layout.LAST_VALID_MINUTE)
     utc_at = np.flatnonzero(holds_channel & (channel == layout.UTC_CHANNEL))
-    coded = heads[utc_at, _UTC].view(np.int8)
+    coded = heads[_UTC, utc_at].view(np.int8)
     told = (coded & 1).astype(bool)
     return Notices(minute_at[valid], minute[valid]), Notices(utc_at[told], (coded[told] >> 1).astype(np.int64))
 

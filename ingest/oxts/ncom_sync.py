@@ -12,7 +12,7 @@ HEAD = (1, 2, 21, 62, 63, 64, 65, 66, 70)
 
 @njit(cache=True, nogil=True)
 def find_packets(data: npt.NDArray[np.uint8]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.uint8], int]:
-    """Return every NCOM packet's offset, in order, and its bytes `HEAD` (n, 9); and where the search ended.
+    """Return every NCOM packet's offset, in order, and its bytes `HEAD` (9, n); and where the search ended.
 
     A packet is 72 bytes that begin with 0xE7 and end in the sum of the bytes between, modulo 256 (checksum 3);
     where there is none, the search goes on one byte further, as OxTS's own decoder does. It ends less than 72 bytes
@@ -21,7 +21,7 @@ def find_packets(data: npt.NDArray[np.uint8]) -> tuple[npt.NDArray[np.int64], np
     Args:
         data: uint8 (n_bytes,).
     """
-    offsets, heads = np.empty(len(data) // 72, np.int64), np.empty((len(data) // 72, len(HEAD)), np.uint8)
+    offsets, heads = np.empty(len(data) // 72, np.int64), np.empty((len(HEAD), len(data) // 72), np.uint8)
     count = 0
     place = 0
     while place + 72 <= len(data):
@@ -32,9 +32,9 @@ def find_packets(data: npt.NDArray[np.uint8]) -> tuple[npt.NDArray[np.int64], np
             if total & 0xFF == data[place + 71]:
                 offsets[count] = place
                 for k in range(len(HEAD)):
-                    heads[count, k] = data[place + HEAD[k]]
+                    heads[k, count] = data[place + HEAD[k]]
                 count += 1
                 place += 72
                 continue
         place += 1
-    return offsets[:count], heads[:count], place
+    return offsets[:count], heads[:, :count], place
