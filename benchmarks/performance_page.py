@@ -282,7 +282,7 @@ def _scaling(part: Result, files: dict[str, str]) -> list[str]:
         files[f"performance-{what}.svg"] = curves(f"EM by {x}", x, "CPU s an iteration", drawn)
         lines.append(f"![CPU seconds of an iteration by {x}](performance-{what}.svg)\n")
     return lines + [
-        f"`wheelprint run` on {run['hours']:g} hours, {run['workers']} worker{'s' if run['workers'] > 1 else ''}: "
+        f"`wheelprint run`, {run['hours']:g} h, {run['workers']} worker{'s' if run['workers'] > 1 else ''}: "
         f"{run['wall_s']:.0f} s wall, {run['cpu_s']:.0f} CPU s, {run['peak_mb']:.0f} MB.\n"
         for run in part["workers"]
     ]

@@ -97,7 +97,8 @@ def main() -> int:
         print(f"{name} …", flush=True)
         busy = os.getloadavg()[0]
         measured = part()
-        results[name] = {"machine": machine() | {"load_before": busy, "load_after": os.getloadavg()[0]}, **measured}
+        told = machine() | {"load_before": busy, "load_after": os.getloadavg()[0]}
+        results[name] = {**measured, "machine": told}
         RESULTS.write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     performance_page.write(results)
     return 0
