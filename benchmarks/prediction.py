@@ -1,5 +1,8 @@
 """How long does one prediction take, in ONNX and in C? Motion primitives, n2 = 1, n3 = 50: 106 inputs, 50 outputs.
 
+The mixture is the papers', of course deviation, speed and angle; and the one that `wheelprint train` fits by default,
+in coordinates of the curvature, to be computed from the same inputs.
+
     python benchmarks/prediction.py [--components 3 9] [--inputs 500] [--rounds 20] [--minutes 40] [--optimise O2 O3]
 
 A simulated driver's windows are learnt from, and windows of theirs are predicted, one at a time, over and over. C is
@@ -19,6 +22,7 @@ It ends with 1 unless p99 is below 100 µs in ONNX (float64; mean, sd and domain
 from __future__ import annotations
 
 import argparse
+import itertools
 import resource
 import subprocess
 import sys
@@ -34,6 +38,7 @@ from numpy.typing import NDArray
 
 from wheelprint.dataset.path import course_deviation
 from wheelprint.dataset.smoothing import smooth
+from wheelprint.modeling.curvature_primitives import fit_curvature_primitives
 from wheelprint.modeling.drivers import one_thread
 from wheelprint.modeling.export.c_header import NEGLIGIBLE, c_header
 from wheelprint.modeling.export.onnx_graph import Precision, onnx_model
@@ -153,12 +158,41 @@ def time_c(header: str, inputs: Floats, rounds: int, level: str) -> Floats:
         )
 
 
-def figures(components: int, what: str, took: Floats, limit: float | None) -> Call:
+def figures(components: str, what: str, took: Floats, limit: float | None) -> Call:
     """Print and return the figures of a measurement (rounds, n_inputs) in µs."""
     p50, p99 = (float(np.nanpercentile(took, share, axis=1).min()) for share in (50, 99))
     fastest = float(np.nanpercentile(np.nanmin(took, axis=0), 99))
     print(f"  {what:<36} p50 {p50:6.1f}   p99 {p99:6.1f}   fastest {fastest:6.1f} µs", flush=True)
     return {"components": components, "what": what, "p50": p50, "p99": p99, "fastest": fastest, "limit": limit}
+
+
+def measure(plain: PlainRegression, sample: Floats, components: str, rounds: int, levels: Sequence[str]) -> list[Call]:
+    """Measure one regression, print and return the calls; see `run`."""
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    precisions: tuple[Precision, ...] = ("float64", "float32")
+    calls: list[Call] = []
+    for precision in precisions:
+        for covariance in (False, True):
+            model = onnx_model(plain, "bench", precision, {}, covariance=covariance).SerializeToString()
+            session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+            took = time_onnx(session, sample.astype(precision), rounds)
+            limit = LIMITS["ONNX"] if precision == "float64" and not covariance else None
+            calls.append(
+                figures(components, f"ONNX {precision}{', with covariance' if covariance else ''}", took, limit)
+            )
+            if limit is not None:
+                took = time_nothing(calls[-1]["p50"], len(sample), rounds)
+                calls.append(figures(components, "a loop of as long", took, None))
+    header = c_header(plain, "bench", ["Benchmark"], [], "mean and variance")
+    everything = header.replace(f"best - {NEGLIGIBLE}", "best - 1e300").replace(f"> -{NEGLIGIBLE} ?", "> -1e300 ?")
+    for level in levels:
+        calls.append(figures(components, f"C, gcc -{level}", time_c(header, sample, rounds, level), LIMITS["C"]))
+        took = time_c(everything, sample, rounds, level)
+        calls.append(figures(components, f"C, gcc -{level}, nothing left out", took, None))
+    return calls
 
 
 def run(
@@ -169,39 +203,24 @@ def run(
     levels: Sequence[str] = ("O2", "O3"),
 ) -> dict[str, list[Call]]:
     """Measure; return `calls`: what was called with how many components, its figures in µs, and the limit of p99."""
-    import onnxruntime
-
     given, outputs = windows(minutes)
     path_types = np.full(len(given), "1-1-1")
     sample = given[np.linspace(0, len(given) - 1, inputs).astype(int)]
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    precisions: tuple[Precision, ...] = ("float64", "float32")
     calls: list[Call] = []
-    for wanted in components:
+    centres = np.arange(len(given))
+    for wanted, curved in itertools.product(components, (False, True)):
         with one_thread():
-            regression = fit_motion_primitives(
-                given, outputs, path_types, n1=1, components=wanted, shrinkage=SHRINKAGE
-            ).regressions[EVERYTHING]
+            if curved:
+                learnt, _ = fit_curvature_primitives(
+                    given, outputs, path_types, centres, n1=1, components=wanted, past_steps=PAST_STEPS, step=0.1
+                )
+            else:
+                learnt = fit_motion_primitives(given, outputs, path_types, n1=1, components=wanted, shrinkage=SHRINKAGE)
+        regression = learnt.regressions[EVERYTHING]
         k = len(regression.mixture_.weights_)
-        print(f"\nK = {k}, learnt from {len(given)} windows")
-        plain = PlainRegression.of([regression])
-        for precision in precisions:
-            for covariance in (False, True):
-                model = onnx_model(plain, "bench", precision, {}, covariance=covariance).SerializeToString()
-                session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
-                took = time_onnx(session, sample.astype(precision), rounds)
-                limit = LIMITS["ONNX"] if precision == "float64" and not covariance else None
-                calls.append(figures(k, f"ONNX {precision}{', with covariance' if covariance else ''}", took, limit))
-                if limit is not None:
-                    took = time_nothing(calls[-1]["p50"], inputs, rounds)
-                    calls.append(figures(k, "a loop of as long, whatever it is given", took, None))
-        header = c_header(plain, "bench", ["Benchmark"], [], "mean and variance")
-        everything = header.replace(f"best - {NEGLIGIBLE}", "best - 1e300").replace(f"> -{NEGLIGIBLE} ?", "> -1e300 ?")
-        for level in levels:
-            calls.append(figures(k, f"C, gcc -{level}", time_c(header, sample, rounds, level), LIMITS["C"]))
-            took = time_c(everything, sample, rounds, level)
-            calls.append(figures(k, f"C, gcc -{level}, nothing left out", took, None))
+        print(f"\nK = {k}{', curvature' if curved else ''}, learnt from {len(given)} windows")
+        plain = PlainRegression.of([regression], coordinates=learnt.coordinates)
+        calls += measure(plain, sample, f"{k}{', curvature' if curved else ''}", rounds, levels)
     return {"calls": calls}
 
 
