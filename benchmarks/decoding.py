@@ -37,9 +37,10 @@ def wheelprint_log(folder: str, name: str, warm: str) -> Work:
     from wheelprint.ingest.can.blf import Blf
     from wheelprint.ingest.can.candump import Candump
     from wheelprint.ingest.can.database import load_database
-    from wheelprint.ingest.memory import keep_memory
+    from wheelprint.ingest.memory import keep_memory, leave_out_asammdf
     from wheelprint.ingest.signal_files import decode_log
 
+    leave_out_asammdf()
     database = load_database([str(Path(folder) / "bus.dbc")], Path())
     keep_memory()
 

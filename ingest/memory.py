@@ -1,8 +1,9 @@
-"""What the C library keeps of memory that was freed: all of it while a log is read, nothing between two logs."""
+"""What a process that converts logs keeps in memory: what it frees while it reads, and no library that it never uses."""
 
 from __future__ import annotations
 
 import ctypes
+import sys
 from contextlib import suppress
 
 import pyarrow as pa
@@ -21,6 +22,20 @@ def keep_memory() -> None:
         library = ctypes.CDLL(None)
         library.mallopt(_MMAP_THRESHOLD, _LARGEST)
         library.mallopt(_TRIM_THRESHOLD, 2 * _LARGEST)
+
+
+def leave_out_asammdf() -> None:
+    """Import cantools, and python-can with it, without asammdf, which is 110 MB and half a second and not used here.
+
+    For processes of Wheelprint's own: python-can reads no MF4 in a process that begins so. Nothing happens where
+    python-can is there already.
+    """
+    if "can" not in sys.modules and "asammdf" not in sys.modules:
+        sys.modules["asammdf"] = None  # type: ignore[assignment]  # so its import fails as if it were not installed
+        try:
+            import cantools  # noqa: F401 - for what it imports
+        finally:
+            del sys.modules["asammdf"]
 
 
 def give_memory_back() -> None:
