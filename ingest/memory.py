@@ -1,4 +1,4 @@
-"""What a process that converts logs keeps in memory: what it frees while it reads, and no library that it never uses."""
+"""What a process that converts logs keeps: memory that it frees while it reads, and no library that it never uses."""
 
 from __future__ import annotations
 
