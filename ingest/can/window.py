@@ -42,6 +42,11 @@ class Window:
         self.available(size)
         return self._content[self._position : self._position + size]
 
+    def view(self, size: int) -> memoryview:
+        """Return what `peek` does, without copying it; it keeps all the window's content in memory."""
+        self.available(size)
+        return memoryview(self._content)[self._position : self._position + size]
+
     def skip(self, size: int) -> None:
         """Go forward by `size` bytes, at most as many as are available without reading."""
         size = min(size, len(self._content) - self._position)
