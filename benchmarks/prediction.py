@@ -28,7 +28,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -108,37 +109,26 @@ def windows(minutes: float) -> tuple[Floats, Floats]:
     return np.concatenate([deviation[path], speed[path], steering[seen]], axis=1), steering[ahead]
 
 
-def time_onnx(session: Any, inputs: Floats, rounds: int) -> Floats:
-    """Return the µs of every round and input (rounds, n_inputs); NaN where the kernel interrupted the call."""
-    took = np.full((rounds, len(inputs)), np.nan)
-    feeds = [{"inputs": row[None]} for row in inputs]
+def time_calls(calls: Sequence[Callable[[], object]], rounds: int) -> Floats:
+    """Return the µs of every round and call (rounds, n_calls); NaN where the kernel interrupted the call."""
+    took = np.full((rounds, len(calls)), np.nan)
     for one in range(rounds):
-        for place, feed in enumerate(feeds):
+        for place, call in enumerate(calls):
             switches = resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw
             before = time.perf_counter_ns()
-            session.run(None, feed)
+            call()
             spent = (time.perf_counter_ns() - before) / 1e3
             if resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw == switches:
                 took[one, place] = spent
     return took
 
 
-def time_nothing(like: float, inputs: int, rounds: int) -> Floats:
-    """Return, as `time_onnx` does, the µs of a loop that is always as long, about `like` µs: what the machine adds."""
+def loop_of(microseconds: float) -> Callable[[], object]:
+    """Return a call that always takes about as long: what its times differ by is the machine's."""
     long = 20_000
     before = time.perf_counter_ns()
     sum(range(long))
-    numbers = range(round(like * long / ((time.perf_counter_ns() - before) / 1e3)))
-    took = np.full((rounds, inputs), np.nan)
-    for one in range(rounds):
-        for place in range(inputs):
-            switches = resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw
-            before = time.perf_counter_ns()
-            sum(numbers)
-            spent = (time.perf_counter_ns() - before) / 1e3
-            if resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw == switches:
-                took[one, place] = spent
-    return took
+    return partial(sum, range(round(microseconds * long / ((time.perf_counter_ns() - before) / 1e3))))
 
 
 def time_c(header: str, inputs: Floats, rounds: int, level: str) -> Floats:
@@ -178,13 +168,14 @@ def measure(plain: PlainRegression, sample: Floats, components: str, rounds: int
         for covariance in (False, True):
             model = onnx_model(plain, "bench", precision, {}, covariance=covariance).SerializeToString()
             session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
-            took = time_onnx(session, sample.astype(precision), rounds)
+            rows = sample.astype(precision)
+            took = time_calls([partial(session.run, None, {"inputs": row[None]}) for row in rows], rounds)
             limit = LIMITS["ONNX"] if precision == "float64" and not covariance else None
             calls.append(
                 figures(components, f"ONNX {precision}{', with covariance' if covariance else ''}", took, limit)
             )
             if limit is not None:
-                took = time_nothing(calls[-1]["p50"], len(sample), rounds)
+                took = time_calls([loop_of(calls[-1]["p50"])] * len(sample), rounds)
                 calls.append(figures(components, "a loop of as long", took, None))
     header = c_header(plain, "bench", ["Benchmark"], [], "mean and variance")
     everything = header.replace(f"best - {NEGLIGIBLE}", "best - 1e300").replace(f"> -{NEGLIGIBLE} ?", "> -1e300 ?")

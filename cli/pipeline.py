@@ -124,9 +124,9 @@ class Pipeline:
             self._stage(name, tasks, problems, stopped)
         for title, heads, rows in gather_experiment(self._project, name, faithful=faithful):
             self._report.tables.append((title, heads, rows))
-        if stopped():
-            manifest = Manifest(self._project.directory)
-            done = sum(manifest.is_current(task.section, task.name, task.fingerprint) for task in tasks)
+        manifest = Manifest(self._project.directory)
+        done = sum(manifest.is_current(task.section, task.name, task.fingerprint) for task in tasks)
+        if stopped() and done < len(tasks):
             reason = f"stopped after {done} of {len(tasks)} cells; the same command goes on from there"
             self._report.problems.append(InputError(self._project.directory, name, reason))
 

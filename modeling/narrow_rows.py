@@ -155,9 +155,10 @@ def narrow_pass(
 def moments_about_means(
     means: FloatArray, factors: FloatArray, counts: FloatArray, first: FloatArray, second: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return each component's mean, μ + F s, and its covariance about that, F (M − s sᵀ) Fᵀ: the M step (MP eq. 8).
+    """Return each component's mean, μ + F s, and its covariance about that, F (M − s sᵀ) Fᵀ.
 
-    s and M are the first and second moments of y = F⁻¹(x − μ), divided by the counts.
+    s and M are the first and second moments of y = F⁻¹(x − μ), divided by the counts: the M step of
+    `expectation_maximisation.maximise`, without its ridge.
 
     Args:
         means: μ of the pass (k, d), in the units of the data.
