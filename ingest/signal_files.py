@@ -90,7 +90,7 @@ def decode_log(reader: FrameReader, account: Account, database: Database, folder
                 decoder, writer = decoders[name], writers[name]
                 size = max(COLUMNS_BYTES // (8 * len(decoder.schema)), 1)
                 for first in range(0, len(frames), size):
-                    columns = decode_message(decoder, frames.take(slice(first, first + size)))
+                    columns = decode_message(decoder, frames.part(slice(first, first + size)))
                     writer.write_batch(columns.replace_schema_metadata(writer.schema.metadata))
 
         writing: Future[None] | None = None

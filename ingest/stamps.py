@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +18,6 @@ GAP = 1_000_000_000
 """ns; no bus and no navigation unit of a car on the road is silent for so long."""
 STEP_BACK = 100_000_000
 """ns; loggers write frames of several buses out of order by less, and that is no harm."""
-STRETCH = 1 << 15
-"""Stamps looked at at once: what is made of them stays in the cache."""
 MOST_ALIKE = 250
 """Records; more on one stamp than a bus carries in 10 ms, the coarsest stamps of any logger."""
 
@@ -31,21 +29,14 @@ class Finding:
     Attributes:
         count: How often.
         worst: ns, or records on one stamp.
-        at: The stamp before the worst one, ns; None where there is none.
+        at: The stamp before the worst one, ns, the first of equally bad ones; None where there is none.
     """
 
     count: int = 0
     worst: int = 0
     at: int | None = None
 
-    def see(self, count: int, worst: int, at: int) -> None:
-        """Add so many; the first of equally bad ones is kept."""
-        self.count += count
-        if worst > self.worst:
-            self.worst, self.at = worst, at
 
-
-@dataclass(slots=True)
 class Stamps:
     """The stamps of a log, looked at batch by batch in the order of the file.
 
@@ -57,59 +48,28 @@ class Stamps:
         gaps: Times of more than `GAP` between one record and the next.
     """
 
-    start: int | None = None
-    stop: int | None = None
-    backwards: Finding = field(default_factory=Finding)
-    repeated: Finding = field(default_factory=Finding)
-    gaps: Finding = field(default_factory=Finding)
-    _last: int = 0
-    _alike: int = 0
+    def __init__(self) -> None:
+        self.start: int | None = None
+        self.stop: int | None = None
+        self.backwards, self.repeated, self.gaps = Finding(), Finding(), Finding()
+        self._reach = np.zeros(4, np.int64)
+        self._findings = np.zeros((3, 3), np.int64)
 
     def add(self, time: Times) -> None:
         """Look at the next stamps, (n,) ns."""
-        for begin in range(0, len(time), STRETCH):
-            self._add(time[begin : begin + STRETCH])
+        from .stamp_steps import START, STOP, see_steps
 
-    def _add(self, time: Times) -> None:
-        first = self.start is None
-        if self._goes_on(time):
-            self.start, self.stop = int(time[0]) if self.start is None else self.start, int(time[-1])
-            self._last, self._alike = int(time[-1]), 1
+        if len(time) == 0:
             return
-        self.start = int(time.min()) if self.start is None else min(self.start, int(time.min()))
-        self.stop = int(time.max()) if self.stop is None else max(self.stop, int(time.max()))
-        before = np.concatenate((time[:1] if first else np.array([self._last], np.int64), time[:-1]))
-        steps = time - before
-        self._see(self.backwards, -steps, before, steps < 0)
-        self._see(self.gaps, steps, before, steps > GAP)
-        self._see_repeated(time, steps == 0, first=first)
-        self._last = int(time[-1])
-
-    def _goes_on(self, time: Times) -> bool:
-        """Tell whether these stamps follow all others, each later than the one before it, without a gap."""
-        if self.stop is not None and (self._last < self.stop or not 0 < int(time[0]) - self._last <= GAP):
-            return False
-        steps = np.diff(time)
-        return len(time) == 1 or bool(steps.min() > 0 and steps.max() <= GAP)
-
-    @staticmethod
-    def _see(finding: Finding, sizes: Times, before: Times, found: npt.NDArray[np.bool_]) -> None:
-        if found.any():
-            worst = int(np.argmax(np.where(found, sizes, 0)))
-            finding.see(int(np.count_nonzero(found)), int(sizes[worst]), int(before[worst]))
-
-    def _see_repeated(self, time: Times, same: npt.NDArray[np.bool_], *, first: bool) -> None:
-        if first:
-            same[0] = False
-        begins = np.flatnonzero(~same)
-        runs = np.diff(np.concatenate(([0], begins, [len(time)])))  # The first one goes on from the batch before.
-        runs[0] += self._alike
-        longest = int(np.argmax(runs))
-        count = int(np.count_nonzero(same))
-        if count:
-            stamp = time[begins[longest - 1]] if longest else self._last
-            self.repeated.see(count, int(runs[longest]), int(stamp))
-        self._alike = int(runs[-1])
+        following = np.ascontiguousarray(time)
+        if self.start is None:
+            self._reach[:] = time[0], time[0], time[0], 1
+            following = following[1:]
+        see_steps(following, GAP, self._reach, self._findings)
+        self.start, self.stop = int(self._reach[START]), int(self._reach[STOP])
+        self.backwards, self.repeated, self.gaps = (
+            Finding(count, worst, at if count else None) for count, worst, at in self._findings.tolist()
+        )
 
     def facts(self) -> dict[str, Any]:
         """Return the findings for the manifest and for JSON; times in s, places as ISO 8601."""

@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from ...schemas.tables import FRAMES
 from .database import Database, MessageLayout, SignalLayout, load_database
-from .frames import DATA, FrameBatch
+from .frames import DATA, FrameBatch, MessageFrames
 from .matching import find_messages, is_addressed, parameter_group
 
 _EXACT = 2**53  # beyond it not every integer is a float64
@@ -46,14 +46,14 @@ def decode(frames: pa.Table | FrameBatch, database: Database | str | Path) -> di
 
 def split_by_message(
     batch: FrameBatch, database: Database
-) -> tuple[list[tuple[MessageLayout, FrameBatch]], Counter[tuple[int, bool]]]:
+) -> tuple[list[tuple[MessageLayout, MessageFrames]], Counter[tuple[int, bool]]]:
     """Group data frames by message; remote and error frames carry no signals and are left aside.
 
     Returns:
         Messages that occur, in the database's order, each with its frames in the order of the batch; and how many
         frames no message stands for, by identifier and whether it is extended.
     """
-    from .grouping import places_by_group
+    from .grouping import places_by_group, put
 
     messages = database.messages
     unknown, no_data = len(messages), len(messages) + 1
@@ -66,12 +66,21 @@ def split_by_message(
             group[here] = find_messages(messages, batch.id[here], batch.extended[here], channel)
     group[batch.kind != DATA] = no_data
     places, begins = places_by_group(group, no_data + 1)
-    ordered = batch.put(places)
-    parts = [ordered.take(slice(*ends)) for ends in pairwise(begins.tolist())]
-    identifiers = parts[unknown].id | parts[unknown].extended.astype(np.int64) << 32
+    words = np.ascontiguousarray(batch.data).view(np.uint64)
+    ordered = MessageFrames(
+        put(batch.time, places),
+        put(batch.channel, places),
+        batch.channels,
+        put(batch.id, places),
+        put(batch.length, places),
+        put(words[:, 0] if words.shape[1] == 1 else words, places).view(np.uint8).reshape(batch.data.shape),
+    )
+    parts = [ordered.part(slice(*ends)) for ends in pairwise(begins[: unknown + 1].tolist())]
+    left = np.flatnonzero(group == unknown)
+    identifiers = batch.id[left] | batch.extended[left].astype(np.int64) << 32
     keys, frames = np.unique(identifiers, return_counts=True)
     return (
-        [(layout, part) for layout, part in zip(messages, parts, strict=False) if len(part)],
+        [(layout, part) for layout, part in zip(messages, parts, strict=True) if len(part)],
         Counter({(int(key) & 0xFFFFFFFF, bool(key >> 32)): int(n) for key, n in zip(keys, frames, strict=True)}),
     )
 
@@ -133,7 +142,7 @@ def decoder_of(layout: MessageLayout) -> MessageDecoder:
     )
 
 
-def decode_message(decoder: MessageDecoder, frames: FrameBatch) -> pa.RecordBatch:
+def decode_message(decoder: MessageDecoder, frames: MessageFrames) -> pa.RecordBatch:
     """Return frames, all of one message, in the decoder's schema."""
     schema, count = decoder.schema, len(frames)
     time = pa.Array.from_buffers(schema.field("time").type, count, [None, pa.py_buffer(frames.time)], 0)

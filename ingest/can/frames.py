@@ -45,29 +45,6 @@ class FrameBatch:
     def __len__(self) -> int:
         return len(self.time)
 
-    def take(self, rows: npt.NDArray[np.intp] | slice) -> FrameBatch:
-        """Return some frames, in the order of `rows`."""
-
-        def of(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-            return array[rows] if isinstance(rows, slice) else array.take(rows, axis=0)
-
-        return FrameBatch(
-            of(self.time), of(self.channel), self.channels, of(self.id), of(self.extended), of(self.fd), of(self.kind),
-            of(self.length), of(self.data),
-        )  # fmt: skip
-
-    def put(self, places: npt.NDArray[np.uint32]) -> FrameBatch:
-        """Return all frames, each at its place among them."""
-        from .grouping import put
-
-        words = np.ascontiguousarray(self.data).view(np.uint64)
-        words = put(words[:, 0] if words.shape[1] == 1 else words, places)
-        return FrameBatch(
-            put(self.time, places), put(self.channel, places), self.channels, put(self.id, places),
-            put(self.extended, places), put(self.fd, places), put(self.kind, places), put(self.length, places),
-            words.view(np.uint8).reshape(self.data.shape),
-        )  # fmt: skip
-
     @staticmethod
     def join(batches: Sequence[FrameBatch]) -> FrameBatch:
         """Return the frames of at least one batch, one batch behind the other."""
@@ -140,6 +117,36 @@ class FrameBatch:
             kind=np.select([kind == name for name in KINDS], list(range(len(KINDS)))).astype(np.uint8),
             length=length,
             data=data,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class MessageFrames:
+    """What is decoded of the data frames of one message, in the order of the file.
+
+    Attributes:
+        time: int64 (n,), this and the following ones as in `FrameBatch`.
+        channel: int16 (n,).
+        channels: Names of the buses.
+        id: uint32 (n,).
+        length: uint8 (n,).
+        data: uint8 (n, 8) or (n, 64).
+    """
+
+    time: npt.NDArray[np.int64]
+    channel: npt.NDArray[np.int16]
+    channels: tuple[str, ...]
+    id: npt.NDArray[np.uint32]
+    length: npt.NDArray[np.uint8]
+    data: npt.NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def part(self, rows: slice) -> MessageFrames:
+        """Return some of the frames, without a copy."""
+        return MessageFrames(
+            self.time[rows], self.channel[rows], self.channels, self.id[rows], self.length[rows], self.data[rows]
         )
 
 

@@ -10,6 +10,23 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
+def by_standard_identifier(
+    identifiers: npt.NDArray[np.uint32], extended: npt.NDArray[np.bool_], groups: npt.NDArray[np.uint16]
+) -> npt.NDArray[np.uint16]:
+    """Return the group of each frame with an 11-bit identifier; the last of `groups`, for none, stands for others.
+
+    Args:
+        identifiers: (n,).
+        extended: (n,), 29-bit identifier.
+        groups: (k + 1,), of the identifiers below k, and of none.
+    """
+    found, none = np.empty(len(identifiers), np.uint16), np.uint32(len(groups) - 1)
+    for k in range(len(identifiers)):
+        found[k] = groups[none if extended[k] else min(identifiers[k], none)]
+    return found
+
+
+@njit(cache=True, nogil=True)
 def places_by_group(group: npt.NDArray[np.uint16], groups: int) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.intp]]:
     """Return each row's place where one group stands behind the other, and where each group begins there.
 

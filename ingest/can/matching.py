@@ -71,6 +71,8 @@ def find_messages(
     Returns:
         (n,) index of the message, `len(messages)` where there is none.
     """
+    from .grouping import by_standard_identifier
+
     here = [(k, m) for k, m in enumerate(messages) if m.channel in (None, channel)]
     same_group = Counter(parameter_group(m.id) for _, m in here if m.j1939)
     keys: dict[int, int] = {}
@@ -86,9 +88,8 @@ def find_messages(
     for key, index in keys.items():
         if key < _STANDARD_IDS:
             standard[key] = index
-    found = standard[np.minimum(identifiers, _STANDARD_IDS)]
+    found = by_standard_identifier(identifiers, extended, standard)
     rows = np.flatnonzero(extended)
-    found[rows] = len(messages)
     if not keys or not len(rows):
         return found
     known = np.array(sorted(keys), np.int64)
