@@ -37,10 +37,11 @@ def wheelprint_log(folder: str, name: str, warm: str) -> Work:
     from wheelprint.ingest.can.blf import Blf
     from wheelprint.ingest.can.candump import Candump
     from wheelprint.ingest.can.database import load_database
-    from wheelprint.ingest.memory import keep_memory, leave_out_asammdf
+    from wheelprint.ingest.memory import keep_memory, leave_out_asammdf, leave_out_pandas
     from wheelprint.ingest.signal_files import decode_log
 
     leave_out_asammdf()
+    leave_out_pandas()
     database = load_database([str(Path(folder) / "bus.dbc")], Path())
     keep_memory()
 
@@ -134,10 +135,11 @@ def writing(folder: str) -> Work:
 def wheelprint_ncom(folder: str, warm: str) -> Work:
     """Convert NCOM as `wheelprint convert` does."""
     from wheelprint.ingest.account import Account
-    from wheelprint.ingest.memory import keep_memory
+    from wheelprint.ingest.memory import keep_memory, leave_out_pandas
     from wheelprint.ingest.oxts.ncom import Ncom
     from wheelprint.schemas.store import parquet_writer, publish
 
+    leave_out_pandas()
     keep_memory()
 
     def convert(where: str) -> Result:

@@ -23,7 +23,7 @@ from .can.database import Database, load_databases
 from .clock import BRIDGED_GAP_S, PERIOD_S, ClockEstimate, estimate_clock, to_utc
 from .dead_reckoning import dead_reckon
 from .mapping import MappedSignal, resolve, resolve_navigation
-from .memory import give_memory_back, leave_out_asammdf
+from .memory import give_memory_back, leave_out_asammdf, leave_out_pandas
 from .plausibility import absent_sources, no_overlap, too_long, unknown_clock, wrong_signs
 from .recording_logs import read_logs, recording_files
 from .signal_files import signal_file
@@ -43,6 +43,7 @@ def plan_conversion(project: Project) -> tuple[list[Task], list[InputError]]:
     config = project.config
     config_file = project.directory / "wheelprint.toml"
     leave_out_asammdf()
+    leave_out_pandas()
     database, problems = load_databases(config.can.database, project.directory)
     mapping, unmapped = resolve(config.can, database, config_file)
     nav_mapping, not_found = resolve_navigation(config.nav, database, config_file)

@@ -38,6 +38,23 @@ def leave_out_asammdf() -> None:
             del sys.modules["asammdf"]
 
 
+def leave_out_pandas() -> None:
+    """Let Arrow believe that pandas is not installed, which it else imports at the first list it makes an array of.
+
+    That is 45 MB and half a second, and not used here. For processes of Wheelprint's own: Arrow imports pandas where it
+    has to have it, but no longer takes its NaT and NA in lists for null.
+    """
+    if "pandas" not in sys.modules:
+        sys.modules["pandas"] = None  # type: ignore[assignment]  # so its import fails as if it were not installed
+        try:
+            # Its part in Cython takes the None for the module and fails at what that lacks; then its part in C++ looks.
+            with suppress(AttributeError):
+                pa.array([])
+            pa.array([])
+        finally:
+            del sys.modules["pandas"]
+
+
 def give_memory_back() -> None:
     """Return what is free to the system: else the C library keeps what one log took beside what the next one takes."""
     pa.default_memory_pool().release_unused()

@@ -20,7 +20,7 @@ from .account import Account
 from .cameras import IMAGES, CameraIndex
 from .can.database import Database
 from .mapped_table import mapped_table
-from .memory import give_memory_back, keep_memory
+from .memory import give_memory_back, keep_memory, leave_out_pandas
 from .oxts.kitti import Kitti
 from .readers import FrameReader, NavigationReader, Reader, formats_of, recognise
 from .recording_cameras import Span, camera_facts, find_cameras, read_cameras, time_in_common
@@ -73,6 +73,7 @@ class RawLogs:
 def read_logs(project: Path, recording: Recording, database: Database, folder: Path, nav: Nav) -> RawLogs:
     """Decode every file of a recording into `folder`; what cannot be read becomes a problem of its own."""
     keep_memory()
+    leave_out_pandas()
     logs = RawLogs()
     belonging: set[str] = set()
     spans: dict[str, list[Span]] = {}

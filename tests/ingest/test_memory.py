@@ -34,3 +34,31 @@ leave_out_asammdf()
 print(json.dumps(["asammdf" in sys.modules, can.io.mf4.asammdf is not None]))
 """
     assert said_by(program) == [True, True]
+
+
+def test_arrow_does_not_import_pandas_until_it_has_to_have_it() -> None:
+    program = """
+import json, sys
+import pyarrow as pa
+from wheelprint.ingest.memory import leave_out_pandas
+leave_out_pandas()
+table = pa.table({"a": pa.array([1, 2])})
+here = "pandas" in sys.modules
+frame = table.to_pandas()
+again = pa.array(frame["a"]).to_pylist()
+print(json.dumps([here, "pandas" in sys.modules, frame["a"].tolist() == [1, 2], again == [1, 2]]))
+"""
+    assert said_by(program) == [False, True, True, True]
+
+
+def test_arrow_and_pandas_stay_together_where_they_are() -> None:
+    program = """
+import json
+import pandas as pd
+import pyarrow as pa
+from wheelprint.ingest.memory import leave_out_pandas
+leave_out_pandas()
+table = pa.Table.from_pandas(pd.DataFrame({"a": [1]}))
+print(json.dumps([pa.array(pd.Series([1, 2])).to_pylist() == [1, 2], table.num_rows == 1]))
+"""
+    assert said_by(program) == [True, True]
