@@ -30,9 +30,9 @@ from .text_fields import (
     seconds_at,
     set_aside,
 )
-from .text_log import CHANNELS as CHANNEL_COUNT
+from .text_lanes import HEX_LANES, LANES, blanks_at, first_place, hex_at
 from .text_log import FRAME, FRAMES, LONGEST, LONGEST_NAME, Found
-from .text_words import WORD, decimal_word, digits_of, first_of, hex_word
+from .text_words import WORD, decimal_word, first_of
 
 LONGEST_LINE = 4096
 LONGEST_FRAME = 2 + 20 + 1 + LONGEST_NAME + 1 + 8 + 3 + 2 * 64 + 1
@@ -47,9 +47,12 @@ _DIGITS = np.frombuffer(b"0123456789ABCDEF", np.uint8)
 _ERROR_FLAG = 0x20000000
 _SHORTEST = len(b"(1436509052.249713) a 044#")
 """Bytes of an ordinary line, at least."""
-_REACH = 20 + LONGEST_NAME + 1 + 9 + 2 * WORD
+_REACH = 20 + LANES
 """Bytes from the start of an ordinary line on that are looked at, at most."""
 _CLOSE_BLANK = np.uint64(_CLOSE | BLANK << 8)
+_LABEL_BITS = 6
+"""Of the place in a small table where a channel's name is looked up, one that `_SPREAD` gives it."""
+_SPREAD = np.uint64(0x9E3779B97F4A7C15)
 _TOO_LATE = np.uint64((LAST_SECOND + 1) * 1_000_000)
 
 
@@ -157,7 +160,7 @@ def _enter_ordinary_lines(text: Text, ends: Numbers, number: int, found: Found) 
     """
     times, channels, ids, extendeds, _, _, lengths, data, _, names, _, counts = found
     row, one, reach = counts[FRAMES], np.uint64(1), len(text) - _REACH
-    known = np.zeros(len(names), np.uint64)
+    labels, numbers = np.zeros(1 << _LABEL_BITS, np.uint64), np.zeros(1 << _LABEL_BITS, np.int16)
     while number < len(ends) and row < len(times):
         begin, end = ends[number - 1] + 1 if number else 0, ends[number]
         if end < begin + _SHORTEST or begin > reach:
@@ -169,43 +172,43 @@ def _enter_ordinary_lines(text: Text, ends: Numbers, number: int, found: Found) 
             break
         hundreds, no_hundreds = decimal_word(word_at(text, start + one))
         microseconds, no_microseconds = decimal_word(last << np.uint64(16) | middle & np.uint64(0xFFFF))
-        name = p = start + np.uint64(20)
-        while p < stop and text[p] > BLANK:
-            p += one
-        size, blank, p = np.int64(p - name), p, p + one
-        if not 0 < size <= LONGEST_NAME or stop < p + np.uint64(4) or text[blank] != BLANK:
+        name = start + np.uint64(20)
+        size = first_place(blanks_at(text, name))
+        p = name + size + one
+        if not 0 < size <= LONGEST_NAME or stop < p + np.uint64(4) or text[p - one] != BLANK:
             break
-        word = word_at(text, p)
+        octets, digits = hex_at(text, p)
         if text[p + np.uint64(3)] == _HASH:
-            digits, no_identifier = hex_word(digits_of(word, 3) << np.uint64(8) | np.uint64(ZERO))
-            p, largest = p + np.uint64(4), STANDARD_MASK
-            identifier = (digits & np.uint64(0xFF)) << np.uint64(8) | digits >> np.uint64(8) & np.uint64(0xFF)
+            p, wanted, largest = p + np.uint64(4), np.uint64(0b111), STANDARD_MASK
+            identifier = (octets & np.uint64(0xFF)) << np.uint64(4) | octets >> np.uint64(12) & np.uint64(0xF)
         elif stop >= p + np.uint64(9) and text[p + np.uint64(8)] == _HASH:
-            digits, no_identifier = hex_word(word)
-            p, largest = p + np.uint64(9), EXTENDED_MASK
-            identifier = _in_other_order(digits)
+            p, wanted, largest = p + np.uint64(9), np.uint64(0xFF), EXTENDED_MASK
+            identifier = _in_other_order(octets & np.uint64(0xFFFFFFFF))
         else:
             break
-        count = np.int64(stop - p)
-        if count > 16 or count % 2:
+        no_identifier = digits & wanted != wanted
+        count = stop - p
+        if count > HEX_LANES or count & one:
             break
-        low, no_low = hex_word(digits_of(word_at(text, p), count))
-        high, no_high = hex_word(digits_of(word_at(text, p + np.uint64(8)), max(count - 8, 0)))
+        octets, digits = hex_at(text, p)
+        wanted = (one << count) - one
         time = hundreds * np.uint64(100_000_000) + microseconds
-        bad = no_hundreds | no_microseconds | no_identifier | no_low | no_high
-        if bad or identifier > largest or time >= _TOO_LATE:
+        no_payload = digits & wanted != wanted
+        if no_hundreds | no_microseconds | no_identifier | no_payload or identifier > largest or time >= _TOO_LATE:
             break
         # A call for every line would take as long as all else, so only names of more than a word need one.
-        label, channel = first_of(word_at(text, name), size), 0
-        while channel < counts[CHANNEL_COUNT] and known[channel] != label:
-            channel += 1
-        if size > WORD or channel == counts[CHANNEL_COUNT]:
-            channel = channel_of(text, np.int64(name), np.int64(name) + size, names, counts)
+        label = first_of(word_at(text, name), np.int64(size))
+        place = label * _SPREAD >> np.uint64(64 - _LABEL_BITS)
+        channel = np.int64(numbers[place])
+        if size > WORD or labels[place] != label:
+            channel = channel_of(text, np.int64(name), np.int64(name + size), names, counts)
             if channel < 0:
                 break
-            known[channel] = label if size <= WORD else np.uint64(0)
+            labels[place], numbers[place] = label if size <= WORD else np.uint64(0), channel
         times[row], channels[row], ids[row] = time * np.uint64(1000), channel, identifier
-        extendeds[row], lengths[row], data[row] = largest == EXTENDED_MASK, count // 2, high << np.uint64(32) | low
+        extendeds[row], lengths[row] = largest == EXTENDED_MASK, count >> one
+        spare = np.uint64(4) * (np.uint64(HEX_LANES) - count)
+        data[row] = octets << spare >> spare if count else np.uint64(0)
         row += 1
         number += 1
     counts[FRAMES] = row

@@ -88,7 +88,7 @@ def find_messages(
     for key, index in keys.items():
         if key < _STANDARD_IDS:
             standard[key] = index
-    found = by_standard_identifier(identifiers, extended, standard)
+    found: npt.NDArray[np.uint16] = by_standard_identifier(identifiers, extended, standard)
     rows = np.flatnonzero(extended)
     if not keys or not len(rows):
         return found

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from ..words import word_at
+from .text_lanes import LANES, first_place, newlines_at
 
 Text = npt.NDArray[np.uint8]
 
@@ -21,7 +21,6 @@ WORD = 8
 _ONES = np.uint64(0x0101010101010101)
 _HIGH = np.uint64(0x8080808080808080)
 _ZEROS = np.uint64(0x3030303030303030)
-_NEWLINES = np.uint64(0x0A0A0A0A0A0A0A0A)
 
 
 @njit(cache=True, nogil=True)
@@ -63,13 +62,11 @@ def hex_word(word: np.uint64) -> tuple[np.uint64, bool]:
 @njit(cache=True, nogil=True)
 def line_ends(text: Text) -> npt.NDArray[np.int64]:
     """Return the places of all line ends (LF)."""
-    ends, count, whole = np.empty(len(text), np.int64), 0, len(text) // WORD * WORD
-    for p in range(0, whole, WORD):
-        other = word_at(text, np.uint64(p)) ^ _NEWLINES
-        here = ~((other & ~_HIGH) + ~_HIGH | other | ~_HIGH)  # The highest bit of each byte that is one.
+    ends, count, whole = np.empty(len(text), np.int64), 0, len(text) // LANES * LANES
+    for p in range(0, whole, LANES):
+        here = newlines_at(text, np.uint64(p))
         while here:
-            below = here - np.uint64(1) & ~here
-            ends[count] = p + np.int64((below & _ONES) * _ONES >> np.uint64(56)) - 1
+            ends[count] = p + np.int64(first_place(here))
             count += 1
             here &= here - np.uint64(1)
     for p in range(whole, len(text)):
