@@ -40,4 +40,4 @@ class PendingFrames:
 
 def _empty_arrays() -> tuple[np.ndarray, ...]:
     kinds = (np.int64, np.int16, np.uint32, np.bool_, np.bool_, np.uint8, np.uint8)
-    return (*(np.zeros(BATCH, kind) for kind in kinds), np.zeros((BATCH, 8), np.uint8))
+    return (*(np.empty(BATCH, kind) for kind in kinds), np.zeros((BATCH, 8), np.uint8))
