@@ -104,6 +104,51 @@ def without_gravity(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def inertial(
+    velocity: tuple[Values, Values],
+    orientation: tuple[Values, Values, Values],
+    force: tuple[Values, Values],
+    yaw_rate: Values,
+    slowest: float,
+    gravity: float,
+) -> Values:
+    """Return what `navigation.inertial_signals` makes of an inertial unit's axes, a stretch at a time.
+
+    Args:
+        velocity: North and east, (n,) m/s each, as all that follows.
+        orientation: Heading, pitch and roll, rad.
+        force: Specific force forwards and to the right, m/s².
+        yaw_rate: rad/s, positive to the right.
+        slowest: m/s; see `horizontal`.
+        gravity: m/s².
+
+    Returns:
+        (6, n): speed, course, heading, yaw rate, acceleration forwards and to the left, with Wheelprint's axes.
+    """
+    signals = np.empty((6, len(yaw_rate)))
+    for begin in range(0, len(yaw_rate), _BLOCK):
+        here = slice(begin, begin + _BLOCK)
+        signals[0, here], signals[1, here] = horizontal(velocity[0][here], velocity[1][here], slowest)
+        heading, bearing, rate = signals[2, here], orientation[0][here], yaw_rate[here]
+        for k in range(len(heading)):
+            heading[k] = wrapped(90.0 - DEGREES * bearing[k])
+        signals[3, here] = -(DEGREES * rate)
+        signals[4, here], signals[5, here] = without_gravity(
+            force[0][here], force[1][here], orientation[1][here], orientation[2][here], gravity
+        )
+    return signals
+
+
+@njit(cache=True, nogil=True)
+def wrapped(angle: float) -> float:
+    """Return an angle in [-180, 180) deg, as `schemas.angles.wrap_degrees` does."""
+    if not (angle < -180.0 or angle >= 180.0):
+        return angle
+    turned = angle - 360.0 * math.floor((angle + 180.0) / 360.0)
+    return -180.0 if turned < -180.0 or turned >= 180.0 else turned
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def normal_radius(sine: float, cosine: float) -> float:
     """Return how far, in m, the polar axis is from the ellipsoid's surface, straight down, at a latitude."""
     return SEMI_MAJOR**2 / math.sqrt((SEMI_MAJOR * cosine) ** 2 + (SEMI_MINOR * sine) ** 2)

@@ -152,20 +152,25 @@ def inertial_signals(
         altitude: (n,) m.
         velocity: (n, 2) m/s, north and east.
         orientation: (n, 3) rad, heading (clockwise from north), pitch (nose up), roll (right side down).
-        specific_force: (n, 3) m/s², what accelerometers measure: a level car at rest has (0, 0, -g).
+        specific_force: (n, 2 or 3) m/s², what accelerometers measure: a level car at rest has (0, 0, -g).
         yaw_rate: (n,) rad/s about the car's own axis, positive to the right.
     """
-    speed, course = horizontal_motion(velocity[:, 0], velocity[:, 1])
-    heading, pitch, roll = orientation.T
-    longitudinal, lateral = remove_gravity(specific_force, pitch, roll)
+    from .motion import inertial
+
+    north, east, heading, pitch, roll, along, across = map(
+        _contiguous, (*velocity.T, *orientation.T, *specific_force.T[:2])
+    )
+    speed, course, heading, yaw_rate, longitudinal, lateral = inertial(
+        (north, east), (heading, pitch, roll), (along, across), _contiguous(yaw_rate), SLOWEST_COURSE, GRAVITY
+    )
     return {
         "latitude": latitude,
         "longitude": longitude,
         "altitude": altitude,
         "course": course,
-        "heading": anticlockwise_from_east(np.degrees(heading)),
+        "heading": heading,
         "nav_speed": speed,
-        "nav_yaw_rate": -np.degrees(yaw_rate),
+        "nav_yaw_rate": yaw_rate,
         "nav_longitudinal_acceleration": longitudinal,
         "nav_lateral_acceleration": lateral,
     }

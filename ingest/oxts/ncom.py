@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 
     from ..navigation import Samples
 
+_MEASURED = np.array([0, 1, 5, 6, 7, 9, 10, 11])
+"""What samples take of the vectors, as `ncom_fields.components` counts: acceleration forwards and to the right, yaw
+rate, velocity north and east, heading, pitch and roll."""
+
 
 @dataclass(slots=True)
 class Ncom:
@@ -136,13 +140,12 @@ def packet_samples(packets: NcomPackets, accuracy: npt.NDArray[np.float64], doub
         doubts: By number among these packets: why the time of one is not known or not believed.
     """
     from ..navigation import Samples, inertial_signals, is_on_earth
+    from .ncom_fields import components
 
     valid = (packets.status == layout.LOCKING) | (packets.status == layout.LOCKED)
 
     def where_valid(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        if valid.all():
-            return values
-        return np.where(valid if values.ndim == 1 else valid[:, None], values, np.nan)
+        return values if valid.all() else np.where(valid, values, np.nan)
 
     with np.errstate(over="ignore"):  # Of damaged positions.
         latitude, longitude = np.degrees(packets.latitude), np.degrees(packets.longitude)
@@ -153,14 +156,15 @@ def packet_samples(packets: NcomPackets, accuracy: npt.NDArray[np.float64], doub
         )
         for packet in np.flatnonzero(valid & ~is_on_earth(latitude, longitude, packets.altitude)).tolist()
     }
+    along_across, (yaw_rate,), velocity, orientation = np.split(components(packets.raw, _MEASURED), (2, 3, 5))
     signals = inertial_signals(
         latitude=where_valid(latitude),
         longitude=where_valid(longitude),
         altitude=where_valid(packets.altitude),
-        velocity=where_valid(packets.velocity[:, :2]),
-        orientation=where_valid(packets.orientation),
-        specific_force=packets.acceleration,
-        yaw_rate=packets.angular_rate[:, 2],
+        velocity=where_valid(velocity).T,
+        orientation=where_valid(orientation).T,
+        specific_force=along_across.T,
+        yaw_rate=yaw_rate,
     )
     signals |= {"nav_status": packets.status, "position_accuracy": accuracy}
     return Samples(packets.offset, packets.time, packets.time_known, signals, {**doubts, **impossible})
@@ -168,9 +172,7 @@ def packet_samples(packets: NcomPackets, accuracy: npt.NDArray[np.float64], doub
 
 def position_accuracy(packets: NcomPackets, held: float) -> npt.NDArray[np.float64]:
     """Return for each packet the horizontal accuracy, m, that status channel 3 told last; `held` before the first."""
-    telling = np.flatnonzero(packets.channel == layout.POSITION_ACCURACY_CHANNEL)
-    telling = telling[layout.holds_channel(packets.status[telling])]
-    batch = packets.batch[telling]
-    deviations = batch[:, :4].view("<u2") * 1e-3
-    told = np.where(batch[:, 6] < layout.TOO_OLD, np.hypot(deviations[:, 0], deviations[:, 1]), np.nan)
-    return np.repeat(np.concatenate(([held], told)), np.diff(telling, prepend=0, append=len(packets)))
+    from .ncom_fields import held_position_accuracy
+
+    accuracies: npt.NDArray[np.float64] = held_position_accuracy(packets.status, packets.channel, packets.batch, held)
+    return accuracies

@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
 from ..words import word_at
-from .ncom_layout import ACCELERATION, ANGULAR_RATE, INVALID, LENGTH, ORIENTATION, PACKET, VELOCITY
+from .ncom_layout import (
+    ACCELERATION,
+    ANGULAR_RATE,
+    HOLDS_CHANNEL,
+    INVALID,
+    LENGTH,
+    ORIENTATION,
+    PACKET,
+    POSITION_ACCURACY_CHANNEL,
+    TOO_OLD,
+    VELOCITY,
+)
 
 
 def _place(field: str) -> int:
@@ -25,25 +38,52 @@ _STRETCH = 256
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def vectors(raw: npt.NDArray[np.uint8]) -> npt.NDArray[np.float64]:
-    """Return acceleration, angular rate, velocity and orientation of packets (n, 72).
+def components(raw: npt.NDArray[np.uint8], wanted: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+    """Return components of the vectors of packets (n, 72).
+
+    Args:
+        raw: The packets.
+        wanted: (k,) which: 0 to 2 are those of the acceleration, 3 to 5 of the angular rate, 6 to 8 of the velocity, 9
+            to 11 of the orientation.
 
     Returns:
-        (4, 3, n) in m/s², rad/s, m/s and rad, NaN where invalid.
+        (k, n) in m/s², rad/s, m/s and rad, NaN where invalid.
     """
-    values, octets = np.empty((12, len(raw)), np.float64), raw.ravel()
+    values, octets = np.empty((len(wanted), len(raw)), np.float64), raw.ravel()
     counts = np.empty(_STRETCH, np.int32)
     for begin in range(0, len(raw), _STRETCH):
         size = min(_STRETCH, len(raw) - begin)
-        for field in range(12):
-            place = np.uint64(LENGTH * begin + _BEGINS[field])
+        for row in range(len(wanted)):
+            place = np.uint64(LENGTH * begin + _BEGINS[wanted[row]])
             for k in range(size):
                 counts[k] = np.int32(np.uint32(word_at(octets, place + np.uint64(LENGTH * k))) << np.uint32(8))
-            column, per_unit = values[field, begin : begin + size], _PER_UNIT[field]
+            column, per_unit = values[row, begin : begin + size], _PER_UNIT[wanted[row]]
             for k in range(size):
                 count = counts[k] >> np.int32(8)
                 column[k] = np.nan if count == INVALID else count / per_unit
-    return values.reshape(4, 3, len(raw))
+    return values
+
+
+@njit(cache=True, nogil=True)
+def held_position_accuracy(
+    status: npt.NDArray[np.uint8], channel: npt.NDArray[np.uint8], batch: npt.NDArray[np.uint8], held: float
+) -> npt.NDArray[np.float64]:
+    """Return for each packet the horizontal accuracy, m, that status channel 3 told last; `held` before the first.
+
+    Args:
+        status: (n,), navigation status.
+        channel: (n,), status channel.
+        batch: (n, 8), its content.
+        held: m, of the packets before these.
+    """
+    accuracies = np.empty(len(status))
+    for k in range(len(status)):
+        if channel[k] == POSITION_ACCURACY_CHANNEL and HOLDS_CHANNEL[status[k]]:
+            north = (np.int64(batch[k, 0]) | np.int64(batch[k, 1]) << 8) * 1e-3
+            east = (np.int64(batch[k, 2]) | np.int64(batch[k, 3]) << 8) * 1e-3
+            held = math.hypot(north, east) if batch[k, 6] < TOO_OLD else math.nan
+        accuracies[k] = held
+    return accuracies
 
 
 @njit(cache=True, nogil=True)

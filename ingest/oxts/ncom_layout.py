@@ -52,7 +52,8 @@ LAST_VALID_MINUTE = 100_000_000
 TOO_OLD = 150
 """An age (byte 6 of a status channel) from which on its content is not valid."""
 
-_HOLDS_CHANNEL = np.isin(np.arange(256), (RAW_IMU, INITIALISING, LOCKING, LOCKED, STATUS_ONLY))
+HOLDS_CHANNEL = np.isin(np.arange(256), (RAW_IMU, INITIALISING, LOCKING, LOCKED, STATUS_ONLY))
+"""By navigation status (256,): whether such a packet's status channel is to be decoded."""
 
 
 def to_int24(values: npt.NDArray[np.float64], per_unit: int) -> npt.NDArray[np.uint8]:
@@ -73,7 +74,7 @@ def to_int24(values: npt.NDArray[np.float64], per_unit: int) -> npt.NDArray[np.u
 
 def holds_channel(status: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
     """Tell for each navigation status whether such a packet's status channel is to be decoded."""
-    return _HOLDS_CHANNEL[status]
+    return HOLDS_CHANNEL[status]
 
 
 def checksum(raw: npt.NDArray[np.uint8], stop: int) -> npt.NDArray[np.uint8]:

@@ -35,14 +35,10 @@ class NcomPackets:
         time: int64 (n,), ns since 1970, UTC; 0 where not known.
         time_known: bool (n,).
         milliseconds: uint16 (n,), into the GPS minute.
-        acceleration: (n, 3) m/s², x, y, z of the vehicle: forward, right, down; gravity included (level: z ≈ -9.8).
-        angular_rate: (n, 3) rad/s about the same axes.
         status: uint8 (n,), navigation status.
         latitude: (n,) rad, WGS 84.
         longitude: (n,) rad.
         altitude: (n,) m.
-        velocity: (n, 3) m/s, north, east, down.
-        orientation: (n, 3) rad, heading (clockwise from north), pitch (nose up), roll (right side down).
         channel: uint8 (n,), status channel.
         batch: uint8 (n, 8), the status channel's content ("batch S").
         raw: uint8 (n, 72), the packets themselves.
@@ -52,20 +48,42 @@ class NcomPackets:
     time: npt.NDArray[np.int64]
     time_known: npt.NDArray[np.bool_]
     milliseconds: npt.NDArray[np.uint16]
-    acceleration: npt.NDArray[np.float64]
-    angular_rate: npt.NDArray[np.float64]
     status: npt.NDArray[np.uint8]
     latitude: npt.NDArray[np.float64]
     longitude: npt.NDArray[np.float64]
     altitude: npt.NDArray[np.float64]
-    velocity: npt.NDArray[np.float64]
-    orientation: npt.NDArray[np.float64]
     channel: npt.NDArray[np.uint8]
     batch: npt.NDArray[np.uint8]
     raw: npt.NDArray[np.uint8]
 
     def __len__(self) -> int:
         return len(self.offset)
+
+    @property
+    def acceleration(self) -> npt.NDArray[np.float64]:
+        """m/s², (n, 3), x, y, z of the vehicle: forward, right, down; gravity included (level: z ≈ -9.8)."""
+        return self._vector(0)
+
+    @property
+    def angular_rate(self) -> npt.NDArray[np.float64]:
+        """rad/s about the vehicle's axes, (n, 3)."""
+        return self._vector(1)
+
+    @property
+    def velocity(self) -> npt.NDArray[np.float64]:
+        """m/s, (n, 3), north, east, down."""
+        return self._vector(2)
+
+    @property
+    def orientation(self) -> npt.NDArray[np.float64]:
+        """rad, (n, 3), heading (clockwise from north), pitch (nose up), roll (right side down)."""
+        return self._vector(3)
+
+    def _vector(self, number: int) -> npt.NDArray[np.float64]:
+        from .ncom_fields import components
+
+        vector: npt.NDArray[np.float64] = components(self.raw, np.arange(3 * number, 3 * number + 3)).T
+        return vector
 
     @property
     def checksum1(self) -> npt.NDArray[np.bool_]:
@@ -212,9 +230,8 @@ def decode_packets(
     time_known: npt.NDArray[np.bool_],
 ) -> NcomPackets:
     """Return the fields of packets (n, 72) whose checksum 3 is right, with offsets and times as given."""
-    from .ncom_fields import positions, states, vectors
+    from .ncom_fields import positions, states
 
-    acceleration, angular_rate, velocity, orientation = (axes.T for axes in vectors(raw))
     latitude, longitude, altitude = positions(raw)
     milliseconds, status, channel, batch = states(raw)
     with np.errstate(invalid="ignore"):  # A signalling NaN among damaged altitudes is just another NaN.
@@ -224,14 +241,10 @@ def decode_packets(
         time=time,
         time_known=time_known,
         milliseconds=milliseconds,
-        acceleration=acceleration,
-        angular_rate=angular_rate,
         status=status,
         latitude=latitude,
         longitude=longitude,
         altitude=altitude,
-        velocity=velocity,
-        orientation=orientation,
         channel=channel,
         batch=batch,
         raw=raw,
