@@ -166,15 +166,18 @@ def east_north(
     sine, cosine = math.sin(origin[0] / DEGREES), math.cos(origin[0] / DEGREES)
     radius = normal_radius(sine, cosine)
     first_out, first_up = (radius + origin[2]) * cosine, (radius * shrunk + origin[2]) * sine
-    sine_north, cosine_north = sines_and_cosines((latitude - origin[0]) / DEGREES)
-    sine_east, cosine_east = sines_and_cosines((longitude - origin[1]) / DEGREES)
     east, north = np.empty(len(latitude)), np.empty(len(latitude))
-    for k in range(len(latitude)):
-        height = origin[2] if math.isnan(altitude[k]) else altitude[k]
-        sine_here = sine * cosine_north[k] + cosine * sine_north[k]
-        cosine_here = cosine * cosine_north[k] - sine * sine_north[k]
-        radius = normal_radius(sine_here, cosine_here)
-        out, up = (radius + height) * cosine_here, (radius * shrunk + height) * sine_here
-        east[k] = out * sine_east[k]
-        north[k] = cosine * (up - first_up) - sine * (out * cosine_east[k] - first_out)
+    for begin in range(0, len(latitude), _BLOCK):
+        here = slice(begin, begin + _BLOCK)
+        sine_north, cosine_north = sines_and_cosines((latitude[here] - origin[0]) / DEGREES)
+        sine_east, cosine_east = sines_and_cosines((longitude[here] - origin[1]) / DEGREES)
+        x, y, z = east[here], north[here], altitude[here]
+        for k in range(len(z)):
+            height = origin[2] if math.isnan(z[k]) else z[k]
+            sine_here = sine * cosine_north[k] + cosine * sine_north[k]
+            cosine_here = cosine * cosine_north[k] - sine * sine_north[k]
+            radius = normal_radius(sine_here, cosine_here)
+            out, up = (radius + height) * cosine_here, (radius * shrunk + height) * sine_here
+            x[k] = out * sine_east[k]
+            y[k] = cosine * (up - first_up) - sine * (out * cosine_east[k] - first_out)
     return east, north

@@ -200,11 +200,14 @@ def _account_for_the_rest(data: npt.NDArray[np.uint8], offset: npt.NDArray[np.in
 
 def _notices(heads: npt.NDArray[np.uint8]) -> tuple[Notices, Notices]:
     """Return the valid GPS minutes (status channel 0) and differences UTC - GPS in seconds (status channel 16)."""
-    holds_channel, channel = layout.holds_channel(heads[_STATUS]), heads[_CHANNEL]
-    minute_at = np.flatnonzero(holds_channel & (channel == layout.TIME_CHANNEL))
+
+    def telling(channel: int) -> npt.NDArray[np.intp]:
+        packets = np.flatnonzero(heads[_CHANNEL] == channel)
+        return packets[layout.holds_channel(heads[_STATUS, packets])]
+
+    minute_at, utc_at = telling(layout.TIME_CHANNEL), telling(layout.UTC_CHANNEL)
     minute = np.ascontiguousarray(heads[_MINUTE, minute_at].T).view("<i4")[:, 0].astype(np.int64)
     valid = (minute >= layout.FIRST_VALID_MINUTE) & (minute <= layout.LAST_VALID_MINUTE)
-    utc_at = np.flatnonzero(holds_channel & (channel == layout.UTC_CHANNEL))
     coded = heads[_UTC, utc_at].view(np.int8)
     told = (coded & 1).astype(bool)
     return Notices(minute_at[valid], minute[valid]), Notices(utc_at[told], (coded[told] >> 1).astype(np.int64))

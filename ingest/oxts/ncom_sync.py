@@ -1,4 +1,4 @@
-"""Finding the packets in a stream of bytes; apart from its users because numba is slow to import."""
+"""Finding packets in a stream of bytes and counting through them, compiled: import it where it is used."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import numpy.typing as npt
 from numba import njit
 
 from ..words import word_at
+from .ncom_time import MINUTE, REORDERED
 
 HEAD = (1, 2, 21, 62, 63, 64, 65, 66, 70)
 """The bytes of a packet that tell its time and those of its neighbours."""
@@ -51,3 +52,21 @@ def find_packets(data: npt.NDArray[np.uint8]) -> tuple[npt.NDArray[np.int64], np
             continue
         place += 1
     return offsets[:count], heads[:, :count], place
+
+
+@njit(cache=True, nogil=True)
+def count_through(within: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
+    """Return the milliseconds of packets, (n,) within the minute, counted on over the minutes from the first packet's.
+
+    A step back of less than `REORDERED` is one; any other leads into a later minute.
+    """
+    count = np.empty(len(within), np.int64)
+    total = last = np.int64(within[0])
+    for k in range(len(within)):
+        step = within[k] - last
+        if step <= -REORDERED or step > MINUTE - REORDERED:
+            step += MINUTE if step < 0 else -MINUTE
+        last = np.int64(within[k])
+        total += step
+        count[k] = total
+    return count

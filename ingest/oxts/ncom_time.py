@@ -70,6 +70,8 @@ def stamp_packets(
         utc_offsets: Valid UTC - GPS. Each holds until the next, the first one also before it; if there is none, the
             table of leap seconds is used.
     """
+    from .ncom_sync import count_through
+
     doubts: dict[int, str] = {}
     carries_time = (status >= INITIALISING) & (status <= LOCKED)
     for packet in np.flatnonzero(carries_time & (milliseconds >= MINUTE)).tolist():
@@ -83,8 +85,9 @@ def stamp_packets(
     if len(packets) == 0:
         return Stamps(time, known, doubts, utc_from)
 
-    within = milliseconds[packets].astype(np.int32)
-    gps = _count(within)
+    complete = len(packets) == len(status)
+    within = (milliseconds if complete else milliseconds[packets]).astype(np.int32)
+    gps = count_through(within)
     starts, located = _start(packets, within, gps, status, minutes, doubts)
     if starts is None:
         return Stamps(time, known, doubts, utc_from)
@@ -100,24 +103,15 @@ def stamp_packets(
         utc = gps
     else:
         utc = gps_to_utc(gps)
-    if not located.all():
-        packets, utc = packets[located], utc[located]
-    time[packets], known[packets] = utc, True
+    if complete and located.all():
+        return Stamps(utc, located, doubts, utc_from)
+    time[packets[located]], known[packets[located]] = utc[located], True
     return Stamps(time, known, doubts, utc_from)
 
 
 def _steps(within: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
     """Return the steps (n - 1,) between milliseconds within the minute, as if each were forward."""
     return np.asarray(np.diff(within) % MINUTE, np.int32)
-
-
-def _count(within: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
-    """Count packets through by their milliseconds within the minute."""
-    step = _steps(within)
-    step[step > MINUTE - REORDERED] -= MINUTE
-    count = np.empty(len(within), np.int64)
-    count[0], count[1:] = within[0], step
-    return np.cumsum(count, out=count)
 
 
 def _start(
@@ -128,7 +122,10 @@ def _start(
     minutes: Notices,
     doubts: dict[int, str],
 ) -> tuple[npt.NDArray[np.int64] | None, npt.NDArray[np.bool_]]:
-    """Return for each packet where its count starts, in ms of GPS time, and whether that is known; None: of none."""
+    """Return where the count of each packet (or, (1,), of all) starts, in ms of GPS time, and of which it is known.
+
+    None where it is known of no packet.
+    """
     located = np.ones(len(packets), bool)
     place = np.maximum(np.searchsorted(packets, minutes.packet, "right") - 1, 0)
     inside = (within[place] >= REORDERED) & (within[place] < MINUTE - REORDERED)
@@ -145,9 +142,11 @@ def _start(
 
     # Each holds until the next one, the first also before it.
     bounds = np.concatenate(([0], place[1:], [len(packets)]))
-    starts = np.repeat(start, np.diff(bounds))
     changes = np.flatnonzero(start[1:] != start[:-1]).tolist()
-    step = _steps(within) if changes else np.empty(0, np.int32)
+    if not changes:
+        return start[:1], located
+    starts = np.repeat(start, np.diff(bounds))
+    step = _steps(within)
     for change in changes:
         before, after = int(place[change]), int(place[change + 1])
         if after - before < 2:
