@@ -25,6 +25,11 @@ SLOWEST_COURSE = 0.5
 GRAVITY = 9.80665
 """m/s², standard gravity; the real one differs by at most 0.3 %, which on a slope of 10 % is 0.003 m/s²."""
 
+INERTIAL_SIGNALS = (
+    "nav_speed", "course", "heading", "nav_yaw_rate", "nav_longitudinal_acceleration", "nav_lateral_acceleration",
+)  # fmt: skip
+"""The rows of `motion.inertial`."""
+
 
 @dataclass(frozen=True, slots=True)
 class Origin:
@@ -157,23 +162,12 @@ def inertial_signals(
     """
     from .motion import inertial
 
-    north, east, heading, pitch, roll, along, across = map(
-        _contiguous, (*velocity.T, *orientation.T, *specific_force.T[:2])
+    north, east, heading, pitch, roll, along, across, rate = map(
+        _contiguous, (*velocity.T, *orientation.T, *specific_force.T[:2], yaw_rate)
     )
-    speed, course, heading, yaw_rate, longitudinal, lateral = inertial(
-        (north, east), (heading, pitch, roll), (along, across), _contiguous(yaw_rate), SLOWEST_COURSE, GRAVITY
-    )
-    return {
-        "latitude": latitude,
-        "longitude": longitude,
-        "altitude": altitude,
-        "course": course,
-        "heading": heading,
-        "nav_speed": speed,
-        "nav_yaw_rate": yaw_rate,
-        "nav_longitudinal_acceleration": longitudinal,
-        "nav_lateral_acceleration": lateral,
-    }
+    rows = inertial((north, east), (heading, pitch, roll), (along, across), rate, SLOWEST_COURSE, GRAVITY)
+    position = {"latitude": latitude, "longitude": longitude, "altitude": altitude}
+    return position | dict(zip(INERTIAL_SIGNALS, rows, strict=True))
 
 
 def is_on_earth(latitude: Values, longitude: Values, altitude: Values) -> npt.NDArray[np.bool_]:

@@ -21,10 +21,6 @@ if TYPE_CHECKING:
 
     from ..navigation import Samples
 
-_MEASURED = np.array([0, 1, 5, 6, 7, 9, 10, 11])
-"""What samples take of the vectors, as `ncom_fields.components` counts: acceleration forwards and to the right, yaw
-rate, velocity north and east, heading, pitch and roll."""
-
 
 @dataclass(slots=True)
 class Ncom:
@@ -139,33 +135,22 @@ def packet_samples(packets: NcomPackets, accuracy: npt.NDArray[np.float64], doub
         accuracy: (n,) m, of `position_accuracy`.
         doubts: By number among these packets: why the time of one is not known or not believed.
     """
-    from ..navigation import Samples, inertial_signals, is_on_earth
-    from .ncom_fields import components
+    from ..navigation import GRAVITY, INERTIAL_SIGNALS, SLOWEST_COURSE, Samples, is_on_earth
+    from .ncom_fields import navigation
 
     valid = (packets.status == layout.LOCKING) | (packets.status == layout.LOCKED)
-
-    def where_valid(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        return values if valid.all() else np.where(valid, values, np.nan)
-
-    with np.errstate(over="ignore"):  # Of damaged positions.
-        latitude, longitude = np.degrees(packets.latitude), np.degrees(packets.longitude)
-    impossible = {
-        packet: (
-            f"latitude {packets.latitude[packet]:.9g} rad, longitude {packets.longitude[packet]:.9g} rad, altitude "
-            f"{packets.altitude[packet]:.9g} m is nowhere on earth; the packet is damaged"
-        )
-        for packet in np.flatnonzero(valid & ~is_on_earth(latitude, longitude, packets.altitude)).tolist()
-    }
-    along_across, (yaw_rate,), velocity, orientation = np.split(components(packets.raw, _MEASURED), (2, 3, 5))
-    signals = inertial_signals(
-        latitude=where_valid(latitude),
-        longitude=where_valid(longitude),
-        altitude=where_valid(packets.altitude),
-        velocity=where_valid(velocity).T,
-        orientation=where_valid(orientation).T,
-        specific_force=along_across.T,
-        yaw_rate=yaw_rate,
-    )
+    rows = navigation(packets.raw, valid, SLOWEST_COURSE, GRAVITY)
+    signals = dict(zip(("latitude", "longitude", "altitude", *INERTIAL_SIGNALS), rows, strict=True))
+    impossible = {}
+    if (damaged := valid & ~is_on_earth(*rows[:3])).any():
+        latitude, longitude, altitude = packets.latitude, packets.longitude, packets.altitude
+        impossible = {
+            packet: (
+                f"latitude {latitude[packet]:.9g} rad, longitude {longitude[packet]:.9g} rad, altitude "
+                f"{altitude[packet]:.9g} m is nowhere on earth; the packet is damaged"
+            )
+            for packet in np.flatnonzero(damaged).tolist()
+        }
     signals |= {"nav_status": packets.status, "position_accuracy": accuracy}
     return Samples(packets.offset, packets.time, packets.time_known, signals, {**doubts, **impossible})
 

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from ..motion import DEGREES, inertial
 from ..words import word_at
 from .ncom_layout import (
     ACCELERATION,
@@ -31,6 +32,9 @@ _VECTORS = np.repeat([_place(name) for name in ("acceleration", "angular_rate", 
 _BEGINS = _VECTORS + np.tile((0, 3, 6), 4)
 """Where each component of each vector begins; below, its counts per unit."""
 _PER_UNIT = np.repeat((ACCELERATION, ANGULAR_RATE, VELOCITY, ORIENTATION), 3).astype(np.float64)
+_MEASURED = np.array([0, 1, 5, 6, 7, 9, 10, 11])
+"""What is made signals of: acceleration forwards and to the right, yaw rate, velocity north and east, heading, pitch
+and roll; as `components` counts them."""
 _MILLISECONDS, _STATUS, _CHANNEL, _BATCH = map(_place, ("milliseconds", "status", "channel", "batch"))
 _LATITUDE, _LONGITUDE, _ALTITUDE = map(_place, ("latitude", "longitude", "altitude"))
 _STRETCH = 256
@@ -99,6 +103,38 @@ def positions(
         longitude[packet] = word_at(octets, begin + np.uint64(_LONGITUDE))
         altitude[packet] = word_at(octets, begin + np.uint64(_ALTITUDE)) & np.uint64(0xFFFFFFFF)
     return latitude.view(np.float64), longitude.view(np.float64), altitude.view(np.float32)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def navigation(
+    raw: npt.NDArray[np.uint8], valid: npt.NDArray[np.bool_], slowest: float, gravity: float
+) -> npt.NDArray[np.float64]:
+    """Return what packets (n, 72) tell of position and motion, with Wheelprint's axes and units.
+
+    A stretch of packets at a time, since what lies between them and their signals stays in the nearest cache so.
+
+    Args:
+        raw: The packets.
+        valid: (n,), whether position, velocity and orientation are.
+        slowest: m/s, and
+        gravity: m/s²; see `motion.inertial`.
+
+    Returns:
+        (9, n): latitude and longitude, deg, altitude, m, and the rows of `motion.inertial`.
+    """
+    signals = np.empty((9, len(raw)))
+    for begin in range(0, len(raw), _STRETCH):
+        here = slice(begin, begin + _STRETCH)
+        measured, place = components(raw[here], _MEASURED), positions(raw[here])
+        latitude, longitude, altitude = signals[0, here], signals[1, here], signals[2, here]
+        for k in range(len(altitude)):
+            latitude[k], longitude[k], altitude[k] = DEGREES * place[0][k], DEGREES * place[1][k], place[2][k]
+            if not valid[begin + k]:
+                latitude[k] = longitude[k] = altitude[k] = np.nan
+                measured[3:, k] = np.nan
+        along, across, yaw_rate, north, east, heading, pitch, roll = measured
+        signals[3:, here] = inertial((north, east), (heading, pitch, roll), (along, across), yaw_rate, slowest, gravity)
+    return signals
 
 
 @njit(cache=True, nogil=True)

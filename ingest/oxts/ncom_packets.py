@@ -36,9 +36,6 @@ class NcomPackets:
         time_known: bool (n,).
         milliseconds: uint16 (n,), into the GPS minute.
         status: uint8 (n,), navigation status.
-        latitude: (n,) rad, WGS 84.
-        longitude: (n,) rad.
-        altitude: (n,) m.
         channel: uint8 (n,), status channel.
         batch: uint8 (n, 8), the status channel's content ("batch S").
         raw: uint8 (n, 72), the packets themselves.
@@ -49,15 +46,34 @@ class NcomPackets:
     time_known: npt.NDArray[np.bool_]
     milliseconds: npt.NDArray[np.uint16]
     status: npt.NDArray[np.uint8]
-    latitude: npt.NDArray[np.float64]
-    longitude: npt.NDArray[np.float64]
-    altitude: npt.NDArray[np.float64]
     channel: npt.NDArray[np.uint8]
     batch: npt.NDArray[np.uint8]
     raw: npt.NDArray[np.uint8]
 
     def __len__(self) -> int:
         return len(self.offset)
+
+    @property
+    def latitude(self) -> npt.NDArray[np.float64]:
+        """rad, (n,), WGS 84; like all properties decoded anew when it is asked for."""
+        return self._position(0)
+
+    @property
+    def longitude(self) -> npt.NDArray[np.float64]:
+        """rad, (n,)."""
+        return self._position(1)
+
+    @property
+    def altitude(self) -> npt.NDArray[np.float64]:
+        """m, (n,)."""
+        return self._position(2)
+
+    def _position(self, number: int) -> npt.NDArray[np.float64]:
+        from .ncom_fields import positions
+
+        with np.errstate(invalid="ignore"):  # A signalling NaN among damaged altitudes is just another NaN.
+            position: npt.NDArray[np.float64] = positions(self.raw)[number].astype(np.float64, copy=False)
+        return position
 
     @property
     def acceleration(self) -> npt.NDArray[np.float64]:
@@ -233,21 +249,15 @@ def decode_packets(
     time_known: npt.NDArray[np.bool_],
 ) -> NcomPackets:
     """Return the fields of packets (n, 72) whose checksum 3 is right, with offsets and times as given."""
-    from .ncom_fields import positions, states
+    from .ncom_fields import states
 
-    latitude, longitude, altitude = positions(raw)
     milliseconds, status, channel, batch = states(raw)
-    with np.errstate(invalid="ignore"):  # A signalling NaN among damaged altitudes is just another NaN.
-        altitude = altitude.astype(np.float64)
     return NcomPackets(
         offset=offset,
         time=time,
         time_known=time_known,
         milliseconds=milliseconds,
         status=status,
-        latitude=latitude,
-        longitude=longitude,
-        altitude=altitude,
         channel=channel,
         batch=batch,
         raw=raw,
