@@ -259,12 +259,12 @@ def navigation_batches(
         timed = samples.timed.copy()
         timed[list(samples.doubts)] = False
         chosen = np.flatnonzero(timed)
-        kept = longest_increasing(samples.time[chosen], last)
+        kept = longest_increasing(samples.time if timed.all() else samples.time[chosen], last)
         reasons = {**samples.doubts, **_out_of_order(samples.time, chosen, kept, last, record)}
         for number in sorted(reasons):
             account.reject(f"{unit} {samples.place[number]}", reasons[number])
         account.accepted += len(samples.time) - len(reasons)
-        chosen = chosen[kept]
+        chosen = chosen if kept.all() else chosen[kept]
         if len(chosen):
             last = int(samples.time[chosen[-1]])
             rows = slice(None) if len(chosen) == len(samples.time) else chosen

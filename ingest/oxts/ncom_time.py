@@ -127,10 +127,12 @@ def _start(
     None where it is known of no packet.
     """
     located = np.ones(len(packets), bool)
-    place = np.maximum(np.searchsorted(packets, minutes.packet, "right") - 1, 0)
-    inside = (within[place] >= REORDERED) & (within[place] < MINUTE - REORDERED)
-    usable = (packets[place] == minutes.packet) | ((status[minutes.packet] == STATUS_ONLY) & inside)
-    carriers, place, minute = minutes.packet[usable], place[usable], minutes.value[usable]
+    carriers, minute, place = minutes.packet, minutes.value, minutes.packet
+    if len(packets) < len(status):
+        place = np.maximum(np.searchsorted(packets, carriers, "right") - 1, 0)
+        inside = (within[place] >= REORDERED) & (within[place] < MINUTE - REORDERED)
+        usable = (packets[place] == carriers) | ((status[carriers] == STATUS_ONLY) & inside)
+        carriers, minute, place = carriers[usable], minute[usable], place[usable]
     start = minute * MINUTE - (count[place] - within[place])
     alone = np.zeros(len(start), bool)
     alone[1:-1] = (start[1:-1] != start[:-2]) & (start[:-2] == start[2:])
