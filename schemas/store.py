@@ -65,11 +65,16 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def parquet_writer(path: Path, schema: pa.Schema) -> Iterator[pq.ParquetWriter]:
+def parquet_writer(path: Path, schema: pa.Schema, *, level: int = 1) -> Iterator[pq.ParquetWriter]:
     """Open a Parquet writer with the settings that measured best: see the design, "Work and files".
 
     Row groups tell the range of their stamps, by which readers choose them; that of every signal would cost an eighth
     of all writing. The pages of a column are small, and a call of the system for each would cost a twentieth.
+
+    Args:
+        path: Of the file.
+        schema: Of its rows.
+        level: Of Zstandard. Below 0 it does not code single bytes any more, only repetitions.
     """
     plain = [f.name for f in schema if not (pa.types.is_string(f.type) or pa.types.is_dictionary(f.type))]
     floats = [f.name for f in schema if pa.types.is_floating(f.type)]
@@ -80,7 +85,7 @@ def parquet_writer(path: Path, schema: pa.Schema) -> Iterator[pq.ParquetWriter]:
             file,
             schema,
             compression="zstd",
-            compression_level=1,
+            compression_level=level,
             use_dictionary=[f.name for f in schema if f.name not in plain],
             write_statistics=[f.name for f in schema if pa.types.is_timestamp(f.type)],
             column_encoding=dict.fromkeys(steps, "DELTA_BINARY_PACKED") | dict.fromkeys(floats, "BYTE_STREAM_SPLIT"),

@@ -22,6 +22,8 @@ REORDERED = 2_000
 LONG_STEP = 1.5
 """A step between packets that is longer than the usual one by this factor may hide lost minutes."""
 
+UtcFrom = Literal["status channel 16", "leap second table"]
+
 
 @dataclass(frozen=True, slots=True)
 class Notices:
@@ -50,7 +52,7 @@ class Stamps:
     time: npt.NDArray[np.int64]
     known: npt.NDArray[np.bool_]
     doubts: dict[int, str]
-    utc_from: Literal["status channel 16", "leap second table"]
+    utc_from: UtcFrom
 
 
 def stamp_packets(
@@ -77,20 +79,16 @@ def stamp_packets(
     for packet in np.flatnonzero(carries_time & (milliseconds >= MINUTE)).tolist():
         doubts[packet] = f"{milliseconds[packet]} ms into the minute, of 0 to 59999; the packet is damaged"
     packets = np.flatnonzero(carries_time & (milliseconds < MINUTE))
-    time = np.zeros(len(status), np.int64)
-    known = np.zeros(len(status), bool)
-    utc_from: Literal["status channel 16", "leap second table"] = (
-        "status channel 16" if len(utc_offsets.packet) else "leap second table"
-    )
+    utc_from: UtcFrom = "status channel 16" if len(utc_offsets.packet) else "leap second table"
     if len(packets) == 0:
-        return Stamps(time, known, doubts, utc_from)
+        return _stamps(len(status), packets, packets, doubts, utc_from)
 
     complete = len(packets) == len(status)
     within = (milliseconds if complete else milliseconds[packets]).astype(np.int32)
     gps = count_through(within)
     starts, located = _start(packets, within, gps, status, minutes, doubts)
     if starts is None:
-        return Stamps(time, known, doubts, utc_from)
+        return _stamps(len(status), packets[:0], gps[:0], doubts, utc_from)
     # In place, here and below: a day of packets is long.
     gps += starts
     gps *= 1_000_000
@@ -105,7 +103,15 @@ def stamp_packets(
         utc = gps_to_utc(gps)
     if complete and located.all():
         return Stamps(utc, located, doubts, utc_from)
-    time[packets[located]], known[packets[located]] = utc[located], True
+    return _stamps(len(status), packets[located], utc[located], doubts, utc_from)
+
+
+def _stamps(
+    count: int, packets: npt.NDArray[np.intp], utc: npt.NDArray[np.int64], doubts: dict[int, str], utc_from: UtcFrom
+) -> Stamps:
+    """Return the stamps of so many packets of which these have one."""
+    time, known = np.zeros(count, np.int64), np.zeros(count, bool)
+    time[packets], known[packets] = utc, True
     return Stamps(time, known, doubts, utc_from)
 
 
