@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import scipy.linalg.cython_blas as blas
-from llvmlite.binding import add_symbol  # type: ignore[import-untyped]  # it ships no types
+from llvmlite.binding import add_symbol
 from numba import njit, types
 
 Floats = npt.NDArray[np.floating[Any]]
