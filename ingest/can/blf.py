@@ -80,7 +80,7 @@ class Blf:
         return head.startswith(b"LOGG")
 
     def batches(self, account: Account) -> Iterator[FrameBatch]:
-        """Yield the frames in the order of the file, up to 2^18 at a time, and count them in `account`.
+        """Yield the frames in the order of the file, up to `BATCH` at a time, and count them in `account`.
 
         Payloads have 8 columns, or 64 where the batch met a longer one. A rejection's place is the byte of the file
         where a container begins, and for an object the byte of the unpacked containers where it begins, too. A damaged

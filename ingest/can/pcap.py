@@ -113,7 +113,7 @@ class Pcap:
         return head[:4] in _MAGIC or (head[:4] == _SECTION and head[8:12] in _BYTE_ORDER)
 
     def batches(self, account: Account) -> Iterator[FrameBatch]:
-        """Yield the frames in the order of the file, up to 2^18 at a time, and count every packet in `account`.
+        """Yield the frames in the order of the file, up to `BATCH` at a time, and count every packet in `account`.
 
         A record whose length is impossible ends a pcap, which has no marks to find the next one by: the rest is one
         rejection. pcapng goes on at the next section, if there is one.

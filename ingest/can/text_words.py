@@ -1,6 +1,6 @@
-"""Eight characters of a text at a time, compiled: import it where it is used, numba is heavy.
+"""Eight characters of a text at a time, and its lines, compiled: import it where it is used, numba is heavy.
 
-They are the bytes of a word, the first one the lowest, and worked on all at once ("SIMD within a register"): no byte's
+Eight are the bytes of a word, the first one the lowest, and worked on all at once ("SIMD within a register"): no byte's
 result ever carries into the next one.
 """
 
@@ -19,7 +19,6 @@ WORD = 8
 """Characters."""
 
 _ONES = np.uint64(0x0101010101010101)
-_HIGH = np.uint64(0x8080808080808080)
 _ZEROS = np.uint64(0x3030303030303030)
 
 
@@ -30,12 +29,6 @@ def first_of(word: np.uint64, count: int) -> np.uint64:
 
 
 @njit(cache=True, nogil=True)
-def digits_of(word: np.uint64, count: int) -> np.uint64:
-    """Return the first `count` characters, up to 8, with the digit 0 in place of the others."""
-    return word if count >= WORD else first_of(word ^ _ZEROS, count) ^ _ZEROS
-
-
-@njit(cache=True, nogil=True)
 def decimal_word(word: np.uint64) -> tuple[np.uint64, bool]:
     """Return the number that eight decimal digits are, and whether one is none."""
     digits = word ^ _ZEROS
@@ -43,20 +36,6 @@ def decimal_word(word: np.uint64) -> tuple[np.uint64, bool]:
     pairs = digits * np.uint64(10) + (digits >> np.uint64(8))
     odd, even = pairs & np.uint64(0x000000FF000000FF), pairs >> np.uint64(16) & np.uint64(0x000000FF000000FF)
     return (odd * np.uint64(0x000F424000000064) + even * np.uint64(0x0000271000000001)) >> np.uint64(32), bad
-
-
-@njit(cache=True, nogil=True)
-def hex_word(word: np.uint64) -> tuple[np.uint64, bool]:
-    """Return the four bytes that four pairs of hex digits are, the first one lowest, and whether a digit is none."""
-    letter = word >> np.uint64(6) & _ONES  # 1 where it is none of 0 to 9
-    above = (word | letter << np.uint64(5) | _HIGH) - (_ZEROS + letter * np.uint64(0x31))
-    value = above & ~_HIGH
-    within = (_ONES * np.uint64(9) - letter * np.uint64(4) | _HIGH) - value
-    bad = above & within & ~word & _HIGH != _HIGH
-    value += letter * np.uint64(10)
-    pairs = (value << np.uint64(4) | value >> np.uint64(8)) & np.uint64(0x00FF00FF00FF00FF)
-    pairs = (pairs | pairs >> np.uint64(8)) & np.uint64(0x0000FFFF0000FFFF)
-    return (pairs | pairs >> np.uint64(16)) & np.uint64(0xFFFFFFFF), bad
 
 
 @njit(cache=True, nogil=True)
