@@ -159,5 +159,5 @@ def position_accuracy(packets: NcomPackets, held: float) -> npt.NDArray[np.float
     """Return for each packet the horizontal accuracy, m, that status channel 3 told last; `held` before the first."""
     from .ncom_fields import held_position_accuracy
 
-    accuracies: npt.NDArray[np.float64] = held_position_accuracy(packets.status, packets.channel, packets.batch, held)
+    accuracies: npt.NDArray[np.float64] = held_position_accuracy(packets.raw, packets.status, packets.channel, held)
     return accuracies

@@ -35,8 +35,7 @@ _PER_UNIT = np.repeat((ACCELERATION, ANGULAR_RATE, VELOCITY, ORIENTATION), 3).as
 _MEASURED = np.array([0, 1, 5, 6, 7, 9, 10, 11])
 """What is made signals of: acceleration forwards and to the right, yaw rate, velocity north and east, heading, pitch
 and roll; as `components` counts them."""
-_MILLISECONDS, _STATUS, _CHANNEL, _BATCH = map(_place, ("milliseconds", "status", "channel", "batch"))
-_LATITUDE, _LONGITUDE, _ALTITUDE = map(_place, ("latitude", "longitude", "altitude"))
+_LATITUDE, _LONGITUDE, _ALTITUDE, _BATCH = map(_place, ("latitude", "longitude", "altitude", "batch"))
 _STRETCH = 256
 """Packets at a time: they stay in the nearest cache."""
 
@@ -70,22 +69,22 @@ def components(raw: npt.NDArray[np.uint8], wanted: npt.NDArray[np.int64]) -> npt
 
 @njit(cache=True, nogil=True)
 def held_position_accuracy(
-    status: npt.NDArray[np.uint8], channel: npt.NDArray[np.uint8], batch: npt.NDArray[np.uint8], held: float
+    raw: npt.NDArray[np.uint8], status: npt.NDArray[np.uint8], channel: npt.NDArray[np.uint8], held: float
 ) -> npt.NDArray[np.float64]:
     """Return for each packet the horizontal accuracy, m, that status channel 3 told last; `held` before the first.
 
     Args:
+        raw: The packets, (n, 72).
         status: (n,), navigation status.
         channel: (n,), status channel.
-        batch: (n, 8), its content.
         held: m, of the packets before these.
     """
     accuracies = np.empty(len(status))
     for k in range(len(status)):
         if channel[k] == POSITION_ACCURACY_CHANNEL and HOLDS_CHANNEL[status[k]]:
-            north = (np.int64(batch[k, 0]) | np.int64(batch[k, 1]) << 8) * 1e-3
-            east = (np.int64(batch[k, 2]) | np.int64(batch[k, 3]) << 8) * 1e-3
-            held = math.hypot(north, east) if batch[k, 6] < TOO_OLD else math.nan
+            told = raw[k, _BATCH : _BATCH + 8]
+            north, east = np.int64(told[0]) | np.int64(told[1]) << 8, np.int64(told[2]) | np.int64(told[3]) << 8
+            held = math.hypot(north * 1e-3, east * 1e-3) if told[6] < TOO_OLD else math.nan
         accuracies[k] = held
     return accuracies
 
@@ -135,17 +134,3 @@ def navigation(
         along, across, yaw_rate, north, east, heading, pitch, roll = measured
         signals[3:, here] = inertial((north, east), (heading, pitch, roll), (along, across), yaw_rate, slowest, gravity)
     return signals
-
-
-@njit(cache=True, nogil=True)
-def states(
-    raw: npt.NDArray[np.uint8],
-) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.uint8], npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
-    """Return milliseconds, navigation status, status channel, (n,) each, and its content (n, 8) of packets (n, 72)."""
-    milliseconds, status = np.empty(len(raw), np.uint16), np.empty(len(raw), np.uint8)
-    channel, batch, octets = np.empty(len(raw), np.uint8), np.empty((len(raw), 1), np.uint64), raw.ravel()
-    for packet in range(len(raw)):
-        milliseconds[packet] = raw[packet, _MILLISECONDS] | np.uint16(raw[packet, _MILLISECONDS + 1]) << np.uint16(8)
-        status[packet], channel[packet] = raw[packet, _STATUS], raw[packet, _CHANNEL]
-        batch[packet, 0] = word_at(octets, np.uint64(LENGTH * packet + _BATCH))
-    return milliseconds, status, channel, batch.view(np.uint8)

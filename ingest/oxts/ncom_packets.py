@@ -34,28 +34,35 @@ class NcomPackets:
         offset: int64 (n,), byte of the (decompressed) file where the packet begins.
         time: int64 (n,), ns since 1970, UTC; 0 where not known.
         time_known: bool (n,).
-        milliseconds: uint16 (n,), into the GPS minute.
         status: uint8 (n,), navigation status.
         channel: uint8 (n,), status channel.
-        batch: uint8 (n, 8), the status channel's content ("batch S").
         raw: uint8 (n, 72), the packets themselves.
     """
 
     offset: npt.NDArray[np.int64]
     time: npt.NDArray[np.int64]
     time_known: npt.NDArray[np.bool_]
-    milliseconds: npt.NDArray[np.uint16]
     status: npt.NDArray[np.uint8]
     channel: npt.NDArray[np.uint8]
-    batch: npt.NDArray[np.uint8]
     raw: npt.NDArray[np.uint8]
 
     def __len__(self) -> int:
         return len(self.offset)
 
     @property
+    def milliseconds(self) -> npt.NDArray[np.uint16]:
+        """Into the GPS minute, uint16 (n,); like all properties decoded anew when it is asked for."""
+        low, high = self.raw[:, 1].astype(np.uint16), self.raw[:, 2].astype(np.uint16)
+        return low | high << np.uint16(8)
+
+    @property
+    def batch(self) -> npt.NDArray[np.uint8]:
+        """The status channel's content ("batch S"), uint8 (n, 8)."""
+        return self.raw[:, 63:71]
+
+    @property
     def latitude(self) -> npt.NDArray[np.float64]:
-        """rad, (n,), WGS 84; like all properties decoded anew when it is asked for."""
+        """rad, (n,), WGS 84."""
         return self._position(0)
 
     @property
@@ -120,19 +127,29 @@ class Scan:
         data: uint8 (n_bytes,), the file.
         mapped: What `data` is a view of; None where the file is compressed, and so had to be loaded.
         offset: int64 (n,), where packets begin.
+        status: uint8 (n,), their navigation status.
+        channel: uint8 (n,), their status channel.
         stamps: Their times.
     """
 
     data: npt.NDArray[np.uint8]
     mapped: mmap | None
     offset: npt.NDArray[np.int64]
+    status: npt.NDArray[np.uint8]
+    channel: npt.NDArray[np.uint8]
     stamps: Stamps
 
     def __iter__(self) -> Iterator[tuple[int, NcomPackets]]:
         """Yield batches of decoded packets, each with the number of its first packet."""
         for first in range(0, len(self.offset), BATCH):
             chosen = slice(first, first + BATCH)
-            yield first, _decode(self.data, self.offset[chosen], self.stamps.time[chosen], self.stamps.known[chosen])
+            offset, stamps = self.offset[chosen], self.stamps
+            if int(offset[-1] - offset[0]) == layout.LENGTH * (len(offset) - 1):
+                raw = self.data[offset[0] : offset[-1] + layout.LENGTH].reshape(-1, layout.LENGTH)
+            else:
+                raw = self.data[offset[:, None] + np.arange(layout.LENGTH)]
+            time, known, status, channel = stamps.time[chosen], stamps.known[chosen], self.status, self.channel
+            yield first, NcomPackets(offset, time, known, status[chosen], channel[chosen], raw)
             _forget(self.mapped)
 
 
@@ -158,7 +175,7 @@ def scan_packets(path: Path, account: Account) -> Scan:
     _account_for_the_rest(data, offset, account)
     low, high = (heads[place].astype(np.uint16) for place in _MILLISECONDS)
     stamps = stamp_packets(heads[_STATUS], low | high << 8, *_notices(heads))
-    return Scan(data, mapped, offset, stamps)
+    return Scan(data, mapped, offset, heads[_STATUS].copy(), heads[_CHANNEL].copy(), stamps)
 
 
 def _content(path: Path, account: Account) -> tuple[npt.NDArray[np.uint8], mmap | None]:
@@ -186,14 +203,13 @@ def _find(data: npt.NDArray[np.uint8], mapped: mmap | None) -> tuple[npt.NDArray
     """Return the offsets (n,) of all packets, and of each the bytes `ncom_sync.HEAD` (9, n)."""
     from .ncom_sync import HEAD, find_packets
 
-    offsets, heads, place = [np.empty(0, np.int64)], [np.empty((len(HEAD), 0), np.uint8)], 0
+    most = len(data) // layout.LENGTH
+    offset, heads = np.empty(most, np.int64), np.empty((len(HEAD), most), np.uint8)
+    count, place = 0, 0
     while len(data) - place >= layout.LENGTH:
-        found, head_of, searched = find_packets(data[place : place + BLOCK])
-        offsets.append(found + place)
-        heads.append(head_of)
-        place += searched
+        count, place = find_packets(data, place, min(place + BLOCK, len(data)), offset, heads, count)
         _forget(mapped)
-    return np.concatenate(offsets), np.concatenate(heads, axis=1)
+    return offset[:count], heads[:, :count]
 
 
 def _account_for_the_rest(data: npt.NDArray[np.uint8], offset: npt.NDArray[np.int64], account: Account) -> None:
@@ -227,38 +243,3 @@ def _notices(heads: npt.NDArray[np.uint8]) -> tuple[Notices, Notices]:
     coded = heads[_UTC, utc_at].view(np.int8)
     told = (coded & 1).astype(bool)
     return Notices(minute_at[valid], minute[valid]), Notices(utc_at[told], (coded[told] >> 1).astype(np.int64))
-
-
-def _decode(
-    data: npt.NDArray[np.uint8],
-    offset: npt.NDArray[np.int64],
-    time: npt.NDArray[np.int64],
-    time_known: npt.NDArray[np.bool_],
-) -> NcomPackets:
-    if int(offset[-1] - offset[0]) == layout.LENGTH * (len(offset) - 1):
-        raw = data[offset[0] : offset[-1] + layout.LENGTH].reshape(-1, layout.LENGTH)
-    else:
-        raw = data[offset[:, None] + np.arange(layout.LENGTH)]
-    return decode_packets(raw, offset, time, time_known)
-
-
-def decode_packets(
-    raw: npt.NDArray[np.uint8],
-    offset: npt.NDArray[np.int64],
-    time: npt.NDArray[np.int64],
-    time_known: npt.NDArray[np.bool_],
-) -> NcomPackets:
-    """Return the fields of packets (n, 72) whose checksum 3 is right, with offsets and times as given."""
-    from .ncom_fields import states
-
-    milliseconds, status, channel, batch = states(raw)
-    return NcomPackets(
-        offset=offset,
-        time=time,
-        time_known=time_known,
-        milliseconds=milliseconds,
-        status=status,
-        channel=channel,
-        batch=batch,
-        raw=raw,
-    )

@@ -29,20 +29,32 @@ def _checksum3(data: npt.NDArray[np.uint8], place: np.uint64) -> np.uint64:
 
 
 @njit(cache=True, nogil=True)
-def find_packets(data: npt.NDArray[np.uint8]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.uint8], int]:
-    """Return every NCOM packet's offset, in order, and its bytes `HEAD` (9, n); and where the search ended.
+def find_packets(
+    data: npt.NDArray[np.uint8],
+    place: int,
+    stop: int,
+    offsets: npt.NDArray[np.int64],
+    heads: npt.NDArray[np.uint8],
+    count: int,
+) -> tuple[int, int]:
+    """Find the NCOM packets that lie between two places of a file.
 
     A packet is 72 bytes that begin with 0xE7 and end in the sum of the bytes between, modulo 256 (checksum 3);
     where there is none, the search goes on one byte further, as OxTS's own decoder does. It ends less than 72 bytes
     before the end.
 
     Args:
-        data: uint8 (n_bytes,).
+        data: uint8 (n_bytes,), the file.
+        place: Where the search begins.
+        stop: Where it ends.
+        offsets: (most,), filled from `count` on with where packets begin, in order.
+        heads: (9, most), filled with their bytes `HEAD`.
+        count: Packets that were found before.
+
+    Returns:
+        How many are found now, and where the search ended.
     """
-    offsets, heads = np.empty(len(data) // 72, np.int64), np.empty((len(HEAD), len(data) // 72), np.uint8)
-    count = 0
-    place = 0
-    while place + 72 <= len(data):
+    while place + 72 <= stop:
         if data[place] == 0xE7 and _checksum3(data, np.uint64(place)) == data[place + 71]:
             offsets[count] = place
             for k in range(len(HEAD)):
@@ -51,7 +63,7 @@ def find_packets(data: npt.NDArray[np.uint8]) -> tuple[npt.NDArray[np.int64], np
             place += 72
             continue
         place += 1
-    return offsets[:count], heads[:, :count], place
+    return count, place
 
 
 @njit(cache=True, nogil=True)

@@ -18,7 +18,7 @@ from ..text import quote
 from . import ncom_layout as layout
 from .leap_seconds import BEYOND_TABLE, VALID_UNTIL, gps_to_utc
 from .ncom import packet_samples, position_accuracy
-from .ncom_packets import decode_packets
+from .ncom_packets import NcomPackets
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -119,10 +119,10 @@ def _samples(found: list[tuple[int, bytes]], held: float) -> tuple[Samples, floa
     stamps = [struct.unpack_from("<Q", content)[0] for _, content in found]
     known = np.array([FIRST_VALID <= stamp < LAST_VALID for stamp in stamps])
     gps = np.array([stamp if stamp < LAST_VALID else 0 for stamp in stamps], np.int64)
-    status = raw[:, 21]
+    status = raw[:, 21].copy()
     carries_time = (status >= layout.INITIALISING) & (status <= layout.LOCKED)
     offset = np.array([place for place, _ in found], np.int64)
-    packets = decode_packets(raw, offset, gps_to_utc(gps), known & carries_time)
+    packets = NcomPackets(offset, gps_to_utc(gps), known & carries_time, status, raw[:, 62].copy(), raw)
     doubts = {
         index: f"its time, {stamps[index]} ns since GPS began, is none that a unit with GNSS time can tell"
         for index in np.flatnonzero(carries_time & ~known).tolist()
