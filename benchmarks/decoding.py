@@ -251,7 +251,7 @@ def run(
     frames: int = FRAMES,
     packets: int = PACKETS,
     samples: tuple[int, ...] = SAMPLES,
-    repeats: int = 3,
+    repeats: int = 5,
     long_frames: int = 0,
     compilation: bool = True,
     peers: tuple[str, ...] = ("candump", "blf", "asammdf", "writing", "ncom"),
@@ -348,7 +348,7 @@ def main() -> int:
     parser.add_argument("--frames", type=int, default=FRAMES)
     parser.add_argument("--packets", type=int, default=PACKETS)
     parser.add_argument("--samples", type=int, nargs="+", default=SAMPLES)
-    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--peers", nargs="*", default=["candump", "blf", "asammdf", "writing", "ncom"])
     parser.add_argument("--long", action="store_true", help=f"peak memory at {LONG_FRAMES} frames, too")
     parser.add_argument("--json", type=Path)

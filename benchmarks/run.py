@@ -50,7 +50,9 @@ def parts(*, long: bool) -> dict[str, Callable[[], Result]]:
 def quick() -> dict[str, float]:
     """Return a few ratios on little data."""
     peers = ("candump", "blf", "ncom")
-    decoded = decoding.run(frames=300_000, packets=200_000, samples=(20_000,), peers=peers, compilation=False)
+    decoded = decoding.run(
+        frames=300_000, packets=200_000, samples=(20_000,), repeats=3, peers=peers, compilation=False
+    )
     fitted = results_of(
         "benchmarks.mixtures", "--rows", "20000", "--components", "3", "--iterations", "2", "--narrow", "0"
     )
