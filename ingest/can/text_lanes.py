@@ -31,6 +31,17 @@ def _each(value: int, count: int) -> Any:
     return ir.Constant(ir.VectorType(ir.IntType(8), count), [value] * count)
 
 
+def _where(comparison: str, character: int) -> Any:
+    """Return what writes the code that compares 64 bytes with a character."""
+
+    def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        characters = _characters(context, builder, signature, arguments, LANES)
+        found = builder.icmp_unsigned(comparison, characters, _each(character, LANES))
+        return builder.bitcast(found, ir.IntType(LANES))
+
+    return emit
+
+
 @intrinsic
 def newlines_at(_typing: Any, content: Any, place: Any) -> tuple[Any, Any]:
     """Return which of 64 bytes end a line, a bit for each, the lowest for the first.
@@ -39,25 +50,13 @@ def newlines_at(_typing: Any, content: Any, place: Any) -> tuple[Any, Any]:
         content: uint8, contiguous.
         place: uint64, of the first byte; 64 must be left from there on.
     """
-
-    def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        characters = _characters(context, builder, signature, arguments, LANES)
-        found = builder.icmp_unsigned("==", characters, _each(_NEWLINE, LANES))
-        return builder.bitcast(found, ir.IntType(LANES))
-
-    return types.uint64(content, place), emit
+    return types.uint64(content, place), _where("==", _NEWLINE)
 
 
 @intrinsic
 def blanks_at(_typing: Any, content: Any, place: Any) -> tuple[Any, Any]:
     """Return which of 64 bytes are blanks or control characters; see `newlines_at`."""
-
-    def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        characters = _characters(context, builder, signature, arguments, LANES)
-        found = builder.icmp_unsigned("<=", characters, _each(_BLANK, LANES))
-        return builder.bitcast(found, ir.IntType(LANES))
-
-    return types.uint64(content, place), emit
+    return types.uint64(content, place), _where("<=", _BLANK)
 
 
 @intrinsic

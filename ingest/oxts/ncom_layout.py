@@ -52,7 +52,7 @@ LAST_VALID_MINUTE = 100_000_000
 TOO_OLD = 150
 """An age (byte 6 of a status channel) from which on its content is not valid."""
 
-HOLDS_CHANNEL = np.isin(np.arange(256), (RAW_IMU, INITIALISING, LOCKING, LOCKED, STATUS_ONLY))
+HOLDS_CHANNEL: npt.NDArray[np.bool_] = np.isin(np.arange(256), (RAW_IMU, INITIALISING, LOCKING, LOCKED, STATUS_ONLY))
 """By navigation status (256,): whether such a packet's status channel is to be decoded."""
 
 
@@ -70,11 +70,6 @@ def to_int24(values: npt.NDArray[np.float64], per_unit: int) -> npt.NDArray[np.u
         raise ValueError(f"{worst} does not fit into 24 bits of {per_unit} counts a unit; the largest is {largest}")
     counts = np.where(missing, INVALID, counts).astype("<i4")
     return counts[..., None].view(np.uint8)[..., :3]
-
-
-def holds_channel(status: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
-    """Tell for each navigation status whether such a packet's status channel is to be decoded."""
-    return HOLDS_CHANNEL[status]
 
 
 def checksum(raw: npt.NDArray[np.uint8], stop: int) -> npt.NDArray[np.uint8]:

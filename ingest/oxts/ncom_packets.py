@@ -234,8 +234,9 @@ def _notices(heads: npt.NDArray[np.uint8]) -> tuple[Notices, Notices]:
     """Return the valid GPS minutes (status channel 0) and differences UTC - GPS in seconds (status channel 16)."""
 
     def telling(channel: int) -> npt.NDArray[np.intp]:
-        packets = np.flatnonzero(heads[_CHANNEL] == channel)
-        return packets[layout.holds_channel(heads[_STATUS, packets])]
+        packets: npt.NDArray[np.intp] = np.flatnonzero(heads[_CHANNEL] == channel)
+        told: npt.NDArray[np.intp] = packets[layout.HOLDS_CHANNEL[heads[_STATUS, packets]]]
+        return told
 
     minute_at, utc_at = telling(layout.TIME_CHANNEL), telling(layout.UTC_CHANNEL)
     minute = np.ascontiguousarray(heads[_MINUTE, minute_at].T).view("<i4")[:, 0].astype(np.int64)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pyproj import Geod, Transformer
 from scipy.spatial.transform import Rotation
 
-from wheelprint.ingest.motion import sines_and_cosines
+from wheelprint.ingest.motion import sines_and_cosines, wrapped
 from wheelprint.ingest.navigation import (
     GRAVITY,
     Origin,
@@ -81,6 +81,10 @@ class TestDirections:
     def test_anticlockwise_from_east(self) -> None:
         compass = doubles(0, 45, 90, 180, 270, 315, -90, 271, 720)
         assert anticlockwise_from_east(compass).tolist() == [90, 45, 0, -90, -180, 135, -180, 179, 90]
+
+    @given(st.one_of(st.floats(-1e6, 1e6), st.sampled_from((-540.0, -180.0, 180.0, 540.0, np.nan))))
+    def test_compiled_code_wraps_as_all_other_does(self, angle: float) -> None:
+        assert np.array_equal(wrapped(angle), wrap_degrees(angle), equal_nan=True)
 
     def test_speed_and_course(self) -> None:
         north = doubles(1, 0, -1, 0, -0.0, 3, 0.3, 0.29, np.nan)
