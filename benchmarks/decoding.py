@@ -136,9 +136,9 @@ def wheelprint_ncom(folder: str, warm: str) -> Work:
     """Convert NCOM as `wheelprint convert` does."""
     from wheelprint.ingest.account import Account
     from wheelprint.ingest.memory import keep_memory, leave_out_pandas
-    from wheelprint.ingest.navigation import COMPRESSION_LEVEL
+    from wheelprint.ingest.navigation import navigation_writer
     from wheelprint.ingest.oxts.ncom import Ncom
-    from wheelprint.schemas.store import parquet_writer, publish
+    from wheelprint.schemas.store import publish
 
     leave_out_pandas()
     keep_memory()
@@ -150,7 +150,7 @@ def wheelprint_ncom(folder: str, warm: str) -> Work:
         with (
             TemporaryDirectory(dir=folder) as out,
             publish(Path(out) / "navigation") as draft,
-            parquet_writer(draft, begun.schema, level=COMPRESSION_LEVEL) as writer,
+            navigation_writer(draft, begun.schema) as writer,
         ):
             for batch in chain((begun,), batches):
                 writer.write_batch(batch)

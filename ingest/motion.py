@@ -11,78 +11,99 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from .series import series
+
 Values = npt.NDArray[np.float64]
 
 DEGREES = 180.0 / math.pi
 SEMI_MAJOR, SEMI_MINOR = 6_378_137.0, 6_356_752.314245179
 """m, axes of the WGS 84 ellipsoid."""
 
-_S3, _S5, _S7, _S9, _S11, _S13, _S15, _S17 = ((-1.0) ** (n // 2) / math.factorial(n) for n in range(3, 18, 2))
-_C4, _C6, _C8, _C10, _C12, _C14, _C16, _C18 = ((-1.0) ** (n // 2) / math.factorial(n) for n in range(4, 19, 2))
-
-_BLOCK = 256
-"""Numbers at a time: they stay in the nearest cache."""
-
-# Taylor series of sin a / a, cos a and arctan a / a in powers of a², the highest first. They end where what follows is
-# below the rounding of doubles: for a up to a quarter of π, and up to tan π/8.
-_SINE = np.array([(-1.0) ** n / math.factorial(2 * n + 1) for n in range(8, -1, -1)])
-_COSINE = np.array([(-1.0) ** n / math.factorial(2 * n) for n in range(9, -1, -1)])
-_ARC_TANGENT = np.array([(-1.0) ** n / (2 * n + 1) for n in range(21, -1, -1)])
 _TAN_22_5 = math.sqrt(2.0) - 1.0
 
+# Taylor series of sin a / a, cos a and arctan a / a in powers of a². They end where what follows is below the rounding
+# of doubles: for a up to a quarter of π, and up to tan π/8.
+_sine = series([(-1.0) ** n / math.factorial(2 * n + 1) for n in range(8, -1, -1)])
+_cosine = series([(-1.0) ** n / math.factorial(2 * n) for n in range(9, -1, -1)])
+_arc_tangent = series([(-1.0) ** n / (2 * n + 1) for n in range(21, -1, -1)])
 
-@njit(cache=True, nogil=True)
-def polynomial(coefficients: Values, z: Values) -> Values:
-    """Return the polynomial of `z` (n,) with these coefficients, that of the highest power first, by Horner's rule.
 
-    Term by term for many numbers, since so vector units take several of them at once.
-    """
-    total = np.empty(len(z))
-    for begin in range(0, len(z), _BLOCK):
-        part, powers = total[begin : begin + _BLOCK], z[begin : begin + _BLOCK]
-        part[:] = coefficients[0]
-        for coefficient in coefficients[1:]:
-            for k in range(len(part)):
-                part[k] = part[k] * powers[k] + coefficient
-    return total
+# The loops below are over plain numbers without jumps, so that vector units take several of them at once.
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def horizontal(north: Values, east: Values, slowest: float) -> tuple[Values, Values]:
-    """Return speed, and course in deg anticlockwise from east where the speed is not below `slowest`.
+def _direction(north: float, east: float) -> float:
+    """Return the direction of a vector, deg anticlockwise from east in [-180, 180).
 
     The arc tangent is taken of the ratio of the smaller to the larger component, and where that is above tan π/8 of the
     ratio that belongs to π/4 less.
     """
-    speed, course, ratio = np.empty(len(north)), np.empty(len(north)), np.empty(len(north))
+    along, across = abs(east), abs(north)
+    steep = across > along
+    less, more = along if steep else across, across if steep else along
+    beyond = less > _TAN_22_5 * more
+    ratio = (less - more if beyond else less) / (less + more if beyond else more)
+    angle = DEGREES * ratio * _arc_tangent(ratio * ratio) + (45.0 if beyond else 0.0)
+    angle = 90.0 - angle if steep else angle
+    angle = 180.0 - angle if east < 0.0 else angle
+    angle = -angle if north < 0.0 else angle
+    return -180.0 if angle >= 180.0 else angle
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _set_horizontal(north: Values, east: Values, slowest: float, speed: Values, course: Values) -> None:
     for k in range(len(north)):
-        along, across = abs(east[k]), abs(north[k])
-        less, more = (along, across) if across > along else (across, along)
-        ratio[k] = (less - more) / (less + more) if less > _TAN_22_5 * more else less / more
-        speed[k] = math.sqrt(along * along + across * across)
-    series = polynomial(_ARC_TANGENT, ratio * ratio)
-    for k in range(len(north)):
-        along, across = abs(east[k]), abs(north[k])
-        less, more = (along, across) if across > along else (across, along)
-        angle = DEGREES * ratio[k] * series[k] + (45.0 if less > _TAN_22_5 * more else 0.0)
-        angle = 90.0 - angle if across > along else angle
-        angle = 180.0 - angle if east[k] < 0.0 else angle
-        angle = -angle if north[k] < 0.0 else angle
-        angle = -180.0 if angle >= 180.0 else angle
-        course[k] = angle if speed[k] >= slowest else math.nan
+        size = math.sqrt(east[k] * east[k] + north[k] * north[k])
+        speed[k] = size
+        course[k] = _direction(north[k], east[k]) if size >= slowest else math.nan
+
+
+@njit(cache=True, nogil=True)
+def horizontal(north: Values, east: Values, slowest: float) -> tuple[Values, Values]:
+    """Return speed, and course in deg anticlockwise from east where the speed is not below `slowest`."""
+    speed, course = np.empty(len(north)), np.empty(len(north))
+    _set_horizontal(north, east, slowest, speed, course)
     return speed, course
 
 
 @njit(cache=True, nogil=True)
-def sines_and_cosines(angle: Values) -> tuple[Values, Values]:
-    """Return the sines and cosines of angles (n,) in rad; up to a quarter of π by their series, which is faster."""
-    small = True
-    for k in range(len(angle)):
-        small &= not abs(angle[k]) > math.pi / 4
-    if not small:
-        return np.sin(angle), np.cos(angle)
-    square = angle * angle
-    return angle * polynomial(_SINE, square), polynomial(_COSINE, square)
+def near_sine(angle: float) -> float:
+    """Return the sine of an angle in rad up to a quarter of π by its series, which is faster."""
+    sine: float = angle * _sine(angle * angle)
+    return sine
+
+
+@njit(cache=True, nogil=True)
+def near_cosine(angle: float) -> float:
+    """Return the cosine of an angle in rad up to a quarter of π by its series, which is faster."""
+    cosine: float = _cosine(angle * angle)
+    return cosine
+
+
+@njit(cache=True, nogil=True)
+def _none_beyond(limit: float, angles: Values, middle: float) -> bool:
+    """Tell whether no angle is further from `middle` than `limit`; NaN is nowhere."""
+    beyond = False
+    for k in range(len(angles)):
+        beyond |= abs(angles[k] - middle) > limit
+    return not beyond
+
+
+@njit(cache=True, nogil=True)
+def _set_without_gravity(
+    along: Values, across: Values, pitch: Values, roll: Values, gravity: float, forward: Values, left: Values
+) -> None:
+    near = _none_beyond(math.pi / 4, pitch, 0.0) & _none_beyond(math.pi / 4, roll, 0.0)
+    for k in range(len(along) if near else 0):
+        level = math.isnan(pitch[k]) | math.isnan(roll[k])
+        up, down = 0.0 if level else pitch[k], 0.0 if level else roll[k]
+        forward[k] = along[k] - gravity * near_sine(up)
+        left[k] = -(across[k] + gravity * near_cosine(up) * near_sine(down))
+    for k in range(0 if near else len(along)):
+        level = math.isnan(pitch[k]) | math.isnan(roll[k])
+        up, down = 0.0 if level else pitch[k], 0.0 if level else roll[k]
+        forward[k] = along[k] - gravity * math.sin(up)
+        left[k] = -(across[k] + gravity * math.cos(up) * math.sin(down))
 
 
 @njit(cache=True, nogil=True)
@@ -90,68 +111,60 @@ def without_gravity(
     along: Values, across: Values, pitch: Values, roll: Values, gravity: float
 ) -> tuple[Values, Values]:
     """Return acceleration forwards and to the left of specific forces; NaN among the angles means level."""
-    up, down = np.empty(len(along)), np.empty(len(along))
-    for k in range(len(along)):
-        level = math.isnan(pitch[k]) | math.isnan(roll[k])
-        up[k], down[k] = 0.0 if level else pitch[k], 0.0 if level else roll[k]
-    sine_up, cosine_up = sines_and_cosines(up)
-    sine_down, _ = sines_and_cosines(down)
     forward, left = np.empty(len(along)), np.empty(len(along))
-    for k in range(len(along)):
-        forward[k] = along[k] - gravity * sine_up[k]
-        left[k] = -(across[k] + gravity * cosine_up[k] * sine_down[k])
+    _set_without_gravity(along, across, pitch, roll, gravity, forward, left)
     return forward, left
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def inertial(
-    velocity: tuple[Values, Values],
-    orientation: tuple[Values, Values, Values],
-    force: tuple[Values, Values],
-    yaw_rate: Values,
-    slowest: float,
-    gravity: float,
-) -> Values:
-    """Return what `navigation.inertial_signals` makes of an inertial unit's axes, a stretch at a time.
+@njit(cache=True, nogil=True)
+def set_inertial(
+    measured: Values, slowest: float, gravity: float, signals: Values, row: int, begin: int, stop: int
+) -> None:
+    """Set what `navigation.inertial_signals` makes of an inertial unit's axes.
 
     Args:
-        velocity: North and east, (n,) m/s each, as all that follows.
-        orientation: Heading, pitch and roll, rad.
-        force: Specific force forwards and to the right, m/s².
-        yaw_rate: rad/s, positive to the right.
+        measured: (8, at least stop - begin), each row as long as is needed: specific force forwards and to the right,
+            m/s², yaw rate, rad/s, positive to the right, velocity north and east, m/s, heading, pitch and roll, rad.
         slowest: m/s; see `horizontal`.
         gravity: m/s².
-
-    Returns:
-        (6, n): speed, course, heading, yaw rate, acceleration forwards and to the left, with Wheelprint's axes.
+        signals: (row + 6 or more, stop or more), whose rows from `row` on are set between the columns `begin` and
+            `stop`: speed, course, heading, yaw rate, acceleration forwards and to the left, with Wheelprint's axes.
+        row: The first row.
+        begin: The first column.
+        stop: The column after the last.
     """
-    signals = np.empty((6, len(yaw_rate)))
-    for begin in range(0, len(yaw_rate), _BLOCK):
-        here = slice(begin, begin + _BLOCK)
-        signals[0, here], signals[1, here] = horizontal(velocity[0][here], velocity[1][here], slowest)
-        heading, bearing, rate = signals[2, here], orientation[0][here], yaw_rate[here]
-        for k in range(len(heading)):
-            heading[k] = wrapped(90.0 - DEGREES * bearing[k])
-        signals[3, here] = -(DEGREES * rate)
-        signals[4, here], signals[5, here] = without_gravity(
-            force[0][here], force[1][here], orientation[1][here], orientation[2][here], gravity
-        )
-    return signals
+    count = stop - begin
+    north, east, pitch, roll = measured[3, :count], measured[4, :count], measured[6, :count], measured[7, :count]
+    _set_horizontal(north, east, slowest, signals[row, begin:stop], signals[row + 1, begin:stop])
+    bearing, rate = measured[5, :count], measured[2, :count]
+    heading, yaw_rate = signals[row + 2, begin:stop], signals[row + 3, begin:stop]
+    for k in range(count):
+        heading[k] = wrapped(90.0 - DEGREES * bearing[k])
+        yaw_rate[k] = -(DEGREES * rate[k])
+    along, across = measured[0, :count], measured[1, :count]
+    forward, left = signals[row + 4, begin:stop], signals[row + 5, begin:stop]
+    _set_without_gravity(along, across, pitch, roll, gravity, forward, left)
 
 
 @njit(cache=True, nogil=True)
 def wrapped(angle: float) -> float:
     """Return an angle in [-180, 180) deg, as `schemas.angles.wrap_degrees` does."""
-    if not (angle < -180.0 or angle >= 180.0):
-        return angle
-    turned = angle - 360.0 * math.floor((angle + 180.0) / 360.0)
-    return -180.0 if turned < -180.0 or turned >= 180.0 else turned
+    turned = angle - 360.0 * np.floor((angle + 180.0) / 360.0)
+    turned = -180.0 if (turned < -180.0) | (turned >= 180.0) else turned
+    return turned if (angle < -180.0) | (angle >= 180.0) else angle
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def normal_radius(sine: float, cosine: float) -> float:
     """Return how far, in m, the polar axis is from the ellipsoid's surface, straight down, at a latitude."""
     return SEMI_MAJOR**2 / math.sqrt((SEMI_MAJOR * cosine) ** 2 + (SEMI_MINOR * sine) ** 2)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _out_and_up(sine: float, cosine: float, height: float) -> tuple[float, float]:
+    """Return how far, in m, a place at a latitude is from the polar axis, and from the plane of the equator."""
+    radius = normal_radius(sine, cosine)
+    return (radius + height) * cosine, (radius * (SEMI_MINOR / SEMI_MAJOR) ** 2 + height) * sine
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -162,22 +175,23 @@ def east_north(
 
     Both places are put into the coordinates of the origin's meridian: `out` from the polar axis, `up` from the equator.
     """
-    shrunk = (SEMI_MINOR / SEMI_MAJOR) ** 2
     sine, cosine = math.sin(origin[0] / DEGREES), math.cos(origin[0] / DEGREES)
-    radius = normal_radius(sine, cosine)
-    first_out, first_up = (radius + origin[2]) * cosine, (radius * shrunk + origin[2]) * sine
+    first_out, first_up = _out_and_up(sine, cosine, origin[2])
     east, north = np.empty(len(latitude)), np.empty(len(latitude))
-    for begin in range(0, len(latitude), _BLOCK):
-        here = slice(begin, begin + _BLOCK)
-        sine_north, cosine_north = sines_and_cosines((latitude[here] - origin[0]) / DEGREES)
-        sine_east, cosine_east = sines_and_cosines((longitude[here] - origin[1]) / DEGREES)
-        x, y, z = east[here], north[here], altitude[here]
-        for k in range(len(z)):
-            height = origin[2] if math.isnan(z[k]) else z[k]
-            sine_here = sine * cosine_north[k] + cosine * sine_north[k]
-            cosine_here = cosine * cosine_north[k] - sine * sine_north[k]
-            radius = normal_radius(sine_here, cosine_here)
-            out, up = (radius + height) * cosine_here, (radius * shrunk + height) * sine_here
-            x[k] = out * sine_east[k]
-            y[k] = cosine * (up - first_up) - sine * (out * cosine_east[k] - first_out)
+    near = _none_beyond(45.0, latitude, origin[0]) & _none_beyond(45.0, longitude, origin[1])
+    for k in range(len(latitude) if near else 0):
+        to_north, to_east = (latitude[k] - origin[0]) / DEGREES, (longitude[k] - origin[1]) / DEGREES
+        sine_north, cosine_north = near_sine(to_north), near_cosine(to_north)
+        height = origin[2] if math.isnan(altitude[k]) else altitude[k]
+        out, up = _out_and_up(
+            sine * cosine_north + cosine * sine_north, cosine * cosine_north - sine * sine_north, height
+        )
+        east[k] = out * near_sine(to_east)
+        north[k] = cosine * (up - first_up) - sine * (out * near_cosine(to_east) - first_out)
+    for k in range(0 if near else len(latitude)):
+        to_east = (longitude[k] - origin[1]) / DEGREES
+        height = origin[2] if math.isnan(altitude[k]) else altitude[k]
+        out, up = _out_and_up(math.sin(latitude[k] / DEGREES), math.cos(latitude[k] / DEGREES), height)
+        east[k] = out * math.sin(to_east)
+        north[k] = cosine * (up - first_up) - sine * (out * math.cos(to_east) - first_out)
     return east, north

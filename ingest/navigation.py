@@ -5,14 +5,18 @@ from __future__ import annotations
 import json
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from ..schemas.angles import wrap_degrees
 from ..schemas.signals import NAV_SIGNALS, SIGNALS
+from ..schemas.store import parquet_writer
 from ..schemas.tables import NAVIGATION
 from ..schemas.times import iso_utc
 from .account import Account
@@ -28,11 +32,7 @@ GRAVITY = 9.80665
 INERTIAL_SIGNALS = (
     "nav_speed", "course", "heading", "nav_yaw_rate", "nav_longitudinal_acceleration", "nav_lateral_acceleration",
 )  # fmt: skip
-"""The rows of `motion.inertial`."""
-
-COMPRESSION_LEVEL = -1
-"""Of navigation in Parquet: the last bits of what such a unit measures are noise, in which coding single bytes finds
-0.3 % to save and takes a seventh of the writing."""
+"""What `motion.set_inertial` sets."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,14 +164,13 @@ def inertial_signals(
         specific_force: (n, 2 or 3) m/s², what accelerometers measure: a level car at rest has (0, 0, -g).
         yaw_rate: (n,) rad/s about the car's own axis, positive to the right.
     """
-    from .motion import inertial
+    from .motion import set_inertial
 
-    north, east, heading, pitch, roll, along, across, rate = map(
-        _contiguous, (*velocity.T, *orientation.T, *specific_force.T[:2], yaw_rate)
-    )
-    rows = inertial((north, east), (heading, pitch, roll), (along, across), rate, SLOWEST_COURSE, GRAVITY)
-    position = {"latitude": latitude, "longitude": longitude, "altitude": altitude}
-    return position | dict(zip(INERTIAL_SIGNALS, rows, strict=True))
+    measured = np.stack([*specific_force.T[:2], yaw_rate, *velocity.T, *orientation.T], dtype=np.float64)
+    rows = np.empty((len(INERTIAL_SIGNALS), len(yaw_rate)))
+    set_inertial(measured, SLOWEST_COURSE, GRAVITY, rows, 0, 0, len(yaw_rate))
+    signals: dict[str, npt.NDArray[np.generic]] = {"latitude": latitude, "longitude": longitude, "altitude": altitude}
+    return signals | dict(zip(INERTIAL_SIGNALS, rows, strict=True))
 
 
 def is_on_earth(latitude: Values, longitude: Values, altitude: Values) -> npt.NDArray[np.bool_]:
@@ -311,6 +310,15 @@ def _out_of_order(
     return reasons
 
 
+def navigation_writer(path: Path, schema: pa.Schema) -> AbstractContextManager[pq.ParquetWriter]:
+    """Open a Parquet writer of navigation.
+
+    The last bits of what a navigation unit measures are noise, in which coding single bytes would find 0.3 % to save
+    and take a seventh of the writing. A recording has one such file, so it can have a large buffer.
+    """
+    return parquet_writer(path, schema, level=-1, buffer=1 << 19)
+
+
 def navigation_batch(
     time: Times, signals: Mapping[str, npt.NDArray[np.generic]], metadata: Mapping[str, str]
 ) -> pa.RecordBatch:
@@ -330,7 +338,7 @@ def navigation_batch(
 
 def _column(values: npt.NDArray[np.generic], kind: pa.DataType) -> pa.Array:
     """Return values as a column, null where they are NaN; they are copied only where something has to be changed."""
-    if values.dtype == np.float64 and kind == pa.float64() and not np.isnan(values).any():
+    if values.dtype == np.float64 and kind == pa.float64() and not np.isnan(values.min(initial=0.0)):
         return pa.Array.from_buffers(kind, len(values), [None, pa.py_buffer(np.ascontiguousarray(values))])
     return pa.array(values, from_pandas=True).cast(kind)
 

@@ -14,14 +14,14 @@ import pyarrow as pa
 from ..schemas.config import Nav
 from ..schemas.errors import InputError
 from ..schemas.project import Project, Recording
-from ..schemas.store import describe_output, fingerprint, parquet_writer, publish, publish_table, sha256
+from ..schemas.store import describe_output, fingerprint, publish, publish_table, sha256
 from ..schemas.times import iso_utc
 from .account import Account
 from .cameras import IMAGES, CameraIndex
 from .can.database import Database
 from .mapped_table import mapped_table
 from .memory import give_memory_back, keep_memory, leave_out_pandas
-from .navigation import COMPRESSION_LEVEL
+from .navigation import navigation_writer
 from .oxts.kitti import Kitti
 from .readers import FrameReader, NavigationReader, Reader, formats_of, recognise
 from .recording_cameras import Span, camera_facts, find_cameras, read_cameras, time_in_common
@@ -148,7 +148,7 @@ def _read_nav(
         return {"samples": 0}, stamps
     file = signal_file(folder, name, "navigation")
     samples = 0
-    with publish(file) as draft, parquet_writer(draft, begun.schema, level=COMPRESSION_LEVEL) as writer:
+    with publish(file) as draft, navigation_writer(draft, begun.schema) as writer:
         for batch in chain((begun,), batches):
             writer.write_batch(batch)
             samples += len(batch)

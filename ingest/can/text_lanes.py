@@ -12,19 +12,14 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
+from ..words import vector_at
+
 LANES = 64
 """Characters that `newlines_at` and `blanks_at` look at."""
 HEX_LANES = 16
 """Characters that `hex_at` looks at."""
 
 _NEWLINE, _BLANK = 10, 32
-
-
-def _characters(context: Any, builder: Any, signature: Any, arguments: Any, count: int) -> Any:
-    """Load so many bytes of the first argument, an array, from the place on that the second one is."""
-    octets = context.make_array(signature.args[0])(context, builder, arguments[0])
-    first = builder.gep(octets.data, [arguments[1]])
-    return builder.load(builder.bitcast(first, ir.VectorType(ir.IntType(8), count).as_pointer()), align=1)
 
 
 def _each(value: int, count: int) -> Any:
@@ -35,7 +30,7 @@ def _where(comparison: str, character: int) -> Any:
     """Return what writes the code that compares 64 bytes with a character."""
 
     def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        characters = _characters(context, builder, signature, arguments, LANES)
+        characters = vector_at(context, builder, signature, arguments, LANES)
         found = builder.icmp_unsigned(comparison, characters, _each(character, LANES))
         return builder.bitcast(found, ir.IntType(LANES))
 
@@ -70,7 +65,7 @@ def hex_at(_typing: Any, content: Any, place: Any) -> tuple[Any, Any]:
     returned = types.UniTuple(types.uint64, 2)
 
     def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        characters = _characters(context, builder, signature, arguments, HEX_LANES)
+        characters = vector_at(context, builder, signature, arguments, HEX_LANES)
         digit = builder.sub(characters, _each(ord("0"), HEX_LANES))
         letter = builder.sub(builder.or_(characters, _each(0x20, HEX_LANES)), _each(ord("a"), HEX_LANES))
         is_digit = builder.icmp_unsigned("<", digit, _each(10, HEX_LANES))

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from ..motion import DEGREES, inertial
-from ..words import word_at
+from ..motion import DEGREES, set_inertial
+from ..words import double_at, single_at, word_at
 from .ncom_layout import (
     ACCELERATION,
     ANGULAR_RATE,
@@ -22,6 +22,8 @@ from .ncom_layout import (
     TOO_OLD,
     VELOCITY,
 )
+
+Values = npt.NDArray[np.float64]
 
 
 def _place(field: str) -> int:
@@ -41,7 +43,24 @@ _STRETCH = 256
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def components(raw: npt.NDArray[np.uint8], wanted: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+def _set_components(
+    octets: npt.NDArray[np.uint8], begin: int, stop: int, wanted: npt.NDArray[np.int64], values: Values, column: int
+) -> None:
+    """Set `values` from `column` on to these components, see `components`, of the packets from `begin` to `stop`."""
+    size = stop - begin
+    counts = np.empty(size, np.int32)
+    for row in range(len(wanted)):
+        place = np.uint64(LENGTH * begin + _BEGINS[wanted[row]])
+        for k in range(size):
+            counts[k] = np.int32(np.uint32(word_at(octets, place + np.uint64(LENGTH * k))) << np.uint32(8))
+        component, per_unit = values[row, column : column + size], _PER_UNIT[wanted[row]]
+        for k in range(size):
+            count = counts[k] >> np.int32(8)
+            component[k] = np.nan if count == INVALID else count / per_unit
+
+
+@njit(cache=True, nogil=True)
+def components(raw: npt.NDArray[np.uint8], wanted: npt.NDArray[np.int64]) -> Values:
     """Return components of the vectors of packets (n, 72).
 
     Args:
@@ -52,25 +71,16 @@ def components(raw: npt.NDArray[np.uint8], wanted: npt.NDArray[np.int64]) -> npt
     Returns:
         (k, n) in m/s², rad/s, m/s and rad, NaN where invalid.
     """
-    values, octets = np.empty((len(wanted), len(raw)), np.float64), raw.ravel()
-    counts = np.empty(_STRETCH, np.int32)
+    values, octets = np.empty((len(wanted), len(raw))), raw.ravel()
     for begin in range(0, len(raw), _STRETCH):
-        size = min(_STRETCH, len(raw) - begin)
-        for row in range(len(wanted)):
-            place = np.uint64(LENGTH * begin + _BEGINS[wanted[row]])
-            for k in range(size):
-                counts[k] = np.int32(np.uint32(word_at(octets, place + np.uint64(LENGTH * k))) << np.uint32(8))
-            column, per_unit = values[row, begin : begin + size], _PER_UNIT[wanted[row]]
-            for k in range(size):
-                count = counts[k] >> np.int32(8)
-                column[k] = np.nan if count == INVALID else count / per_unit
+        _set_components(octets, begin, min(begin + _STRETCH, len(raw)), wanted, values, begin)
     return values
 
 
 @njit(cache=True, nogil=True)
 def held_position_accuracy(
     raw: npt.NDArray[np.uint8], status: npt.NDArray[np.uint8], channel: npt.NDArray[np.uint8], held: float
-) -> npt.NDArray[np.float64]:
+) -> Values:
     """Return for each packet the horizontal accuracy, m, that status channel 3 told last; `held` before the first.
 
     Args:
@@ -80,34 +90,37 @@ def held_position_accuracy(
         held: m, of the packets before these.
     """
     accuracies = np.empty(len(status))
+    begin = 0
     for k in range(len(status)):
         if channel[k] == POSITION_ACCURACY_CHANNEL and HOLDS_CHANNEL[status[k]]:
-            told = raw[k, _BATCH : _BATCH + 8]
+            accuracies[begin:k] = held
+            told, begin = raw[k, _BATCH : _BATCH + 8], k
             north, east = np.int64(told[0]) | np.int64(told[1]) << 8, np.int64(told[2]) | np.int64(told[3]) << 8
-            held = math.hypot(north * 1e-3, east * 1e-3) if told[6] < TOO_OLD else math.nan
-        accuracies[k] = held
+            held = 1e-3 * math.sqrt(north * north + east * east) if told[6] < TOO_OLD else math.nan
+    accuracies[begin:] = held
     return accuracies
 
 
 @njit(cache=True, nogil=True)
-def positions(
-    raw: npt.NDArray[np.uint8],
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float32]]:
-    """Return latitude, rad, longitude, rad, and altitude, m, of packets (n, 72), (n,) each."""
-    latitude, longitude = np.empty(len(raw), np.uint64), np.empty(len(raw), np.uint64)
-    altitude, octets = np.empty(len(raw), np.uint32), raw.ravel()
-    for packet in range(len(raw)):
-        begin = np.uint64(LENGTH * packet)
-        latitude[packet] = word_at(octets, begin + np.uint64(_LATITUDE))
-        longitude[packet] = word_at(octets, begin + np.uint64(_LONGITUDE))
-        altitude[packet] = word_at(octets, begin + np.uint64(_ALTITUDE)) & np.uint64(0xFFFFFFFF)
-    return latitude.view(np.float64), longitude.view(np.float64), altitude.view(np.float32)
+def _set_positions(octets: npt.NDArray[np.uint8], begin: int, stop: int, values: Values, per_radian: float) -> None:
+    """Set the first three rows of `values` to the positions of packets; `per_radian` is 1 for rad."""
+    for packet in range(begin, stop):
+        place = np.uint64(LENGTH * packet)
+        values[0, packet] = per_radian * double_at(octets, place + np.uint64(_LATITUDE))
+        values[1, packet] = per_radian * double_at(octets, place + np.uint64(_LONGITUDE))
+        values[2, packet] = single_at(octets, place + np.uint64(_ALTITUDE))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def navigation(
-    raw: npt.NDArray[np.uint8], valid: npt.NDArray[np.bool_], slowest: float, gravity: float
-) -> npt.NDArray[np.float64]:
+@njit(cache=True, nogil=True)
+def positions(raw: npt.NDArray[np.uint8]) -> Values:
+    """Return latitude, rad, longitude, rad, and altitude, m, of packets (n, 72), as (3, n)."""
+    values = np.empty((3, len(raw)))
+    _set_positions(raw.ravel(), 0, len(raw), values, 1.0)
+    return values
+
+
+@njit(cache=True, nogil=True)
+def navigation(raw: npt.NDArray[np.uint8], valid: npt.NDArray[np.bool_], slowest: float, gravity: float) -> Values:
     """Return what packets (n, 72) tell of position and motion, with Wheelprint's axes and units.
 
     A stretch of packets at a time, since what lies between them and their signals stays in the nearest cache so.
@@ -116,21 +129,18 @@ def navigation(
         raw: The packets.
         valid: (n,), whether position, velocity and orientation are.
         slowest: m/s, and
-        gravity: m/s²; see `motion.inertial`.
+        gravity: m/s²; see `motion.set_inertial`.
 
     Returns:
-        (9, n): latitude and longitude, deg, altitude, m, and the rows of `motion.inertial`.
+        (9, n): latitude and longitude, deg, altitude, m, and the rows of `motion.set_inertial`.
     """
-    signals = np.empty((9, len(raw)))
+    signals, measured, octets = np.empty((9, len(raw))), np.empty((len(_MEASURED), _STRETCH)), raw.ravel()
     for begin in range(0, len(raw), _STRETCH):
-        here = slice(begin, begin + _STRETCH)
-        measured, place = components(raw[here], _MEASURED), positions(raw[here])
-        latitude, longitude, altitude = signals[0, here], signals[1, here], signals[2, here]
-        for k in range(len(altitude)):
-            latitude[k], longitude[k], altitude[k] = DEGREES * place[0][k], DEGREES * place[1][k], place[2][k]
-            if not valid[begin + k]:
-                latitude[k] = longitude[k] = altitude[k] = np.nan
-                measured[3:, k] = np.nan
-        along, across, yaw_rate, north, east, heading, pitch, roll = measured
-        signals[3:, here] = inertial((north, east), (heading, pitch, roll), (along, across), yaw_rate, slowest, gravity)
+        stop = min(begin + _STRETCH, len(raw))
+        _set_components(octets, begin, stop, _MEASURED, measured, 0)
+        _set_positions(octets, begin, stop, signals, DEGREES)
+        for k in range(begin, stop):
+            if not valid[k]:
+                signals[:3, k] = measured[3:, k - begin] = np.nan
+        set_inertial(measured, slowest, gravity, signals, 3, begin, stop)
     return signals

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from mmap import ACCESS_READ, MADV_DONTNEED, mmap
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -16,12 +17,13 @@ from ..content import blocks, head
 from . import ncom_layout as layout
 from .ncom_time import Notices, Stamps, stamp_packets
 
+if TYPE_CHECKING:
+    from .ncom_sync import Found
+
 BATCH = 65_536
 """Packets decoded at once; about 11 MB."""
-BLOCK = 1 << 24
+BLOCK = 1 << 22
 """Bytes searched at once."""
-_MILLISECONDS, _STATUS, _CHANNEL, _MINUTE, _UTC = (0, 1), 2, 3, slice(4, 8), 8
-"""Where each is found among the bytes `ncom_sync.HEAD`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,8 +80,7 @@ class NcomPackets:
     def _position(self, number: int) -> npt.NDArray[np.float64]:
         from .ncom_fields import positions
 
-        with np.errstate(invalid="ignore"):  # A signalling NaN among damaged altitudes is just another NaN.
-            position: npt.NDArray[np.float64] = positions(self.raw)[number].astype(np.float64, copy=False)
+        position: npt.NDArray[np.float64] = positions(self.raw)[number]
         return position
 
     @property
@@ -165,17 +166,17 @@ def scan_packets(path: Path, account: Account) -> Scan:
         InputError: The file is missing, unreadable, empty, or holds no packet.
     """
     data, mapped = _content(path, account)
-    offset, heads = _find(data, mapped)
-    if len(offset) == 0:
+    found = _find(data, mapped)
+    if len(found.offset) == 0:
         reason = (
             f"holds no NCOM packet in {len(data)} bytes; one is 72 bytes from 0xE7 to a matching checksum. "
             "It may be of another format: export the unit's recording as NCOM"
         )
         raise InputError(path, "", reason)
-    _account_for_the_rest(data, offset, account)
-    low, high = (heads[place].astype(np.uint16) for place in _MILLISECONDS)
-    stamps = stamp_packets(heads[_STATUS], low | high << 8, *_notices(heads))
-    return Scan(data, mapped, offset, heads[_STATUS].copy(), heads[_CHANNEL].copy(), stamps)
+    _account_for_the_rest(data, found.offset, account)
+    minutes, utc_offsets = Notices(found.minute_at, found.minute), Notices(found.utc_at, found.utc_offset)
+    stamps = stamp_packets(found.status, found.milliseconds, minutes, utc_offsets)
+    return Scan(data, mapped, found.offset, found.status, found.channel, stamps)
 
 
 def _content(path: Path, account: Account) -> tuple[npt.NDArray[np.uint8], mmap | None]:
@@ -199,17 +200,36 @@ def _forget(mapped: mmap | None) -> None:
         mapped.madvise(MADV_DONTNEED)
 
 
-def _find(data: npt.NDArray[np.uint8], mapped: mmap | None) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.uint8]]:
-    """Return the offsets (n,) of all packets, and of each the bytes `ncom_sync.HEAD` (9, n)."""
-    from .ncom_sync import HEAD, find_packets
+def _find(data: npt.NDArray[np.uint8], mapped: mmap | None) -> Found:
+    from .ncom_sync import Found, find_packets
 
     most = len(data) // layout.LENGTH
-    offset, heads = np.empty(most, np.int64), np.empty((len(HEAD), most), np.uint8)
-    count, place = 0, 0
-    while len(data) - place >= layout.LENGTH:
-        count, place = find_packets(data, place, min(place + BLOCK, len(data)), offset, heads, count)
+    found = Found(
+        offset=np.empty(most, np.int64),
+        milliseconds=np.empty(most, np.uint16),
+        status=np.empty(most, np.uint8),
+        channel=np.empty(most, np.uint8),
+        minute_at=np.empty(most, np.int64),
+        minute=np.empty(most, np.int64),
+        utc_at=np.empty(most, np.int64),
+        utc_offset=np.empty(most, np.int64),
+    )
+    place, searched, counts = 0, 0, (0, 0, 0)
+    while searched < len(data):
+        searched = min(place + BLOCK, len(data))
+        place, counts = find_packets(data, place, searched, found, counts)
         _forget(mapped)
-    return offset[:count], heads[:, :count]
+    packets, minutes, utc_offsets = (slice(count) for count in counts)
+    return Found(
+        found.offset[packets],
+        found.milliseconds[packets],
+        found.status[packets],
+        found.channel[packets],
+        found.minute_at[minutes],
+        found.minute[minutes],
+        found.utc_at[utc_offsets],
+        found.utc_offset[utc_offsets],
+    )
 
 
 def _account_for_the_rest(data: npt.NDArray[np.uint8], offset: npt.NDArray[np.int64], account: Account) -> None:
@@ -219,28 +239,12 @@ def _account_for_the_rest(data: npt.NDArray[np.uint8], offset: npt.NDArray[np.in
     syncs = np.flatnonzero(data[tail:] == layout.SYNC)
     end = tail + int(syncs[0]) if len(syncs) else len(data)
     account.truncated |= end < len(data)
-    begins = np.concatenate(([0], offset + layout.LENGTH))
-    ends = np.concatenate((offset, [end]))
-    for stretch in np.flatnonzero(ends > begins).tolist():
-        begin, size = int(begins[stretch]), int(ends[stretch] - begins[stretch])
+    broken: npt.NDArray[np.intp] = np.flatnonzero(np.diff(offset) != layout.LENGTH)
+    begins = [0, *(offset[broken] + layout.LENGTH).tolist(), last]
+    ends = [int(offset[0]), *offset[broken + 1].tolist(), end]
+    for begin, size in ((begin, end - begin) for begin, end in zip(begins, ends, strict=True) if end > begin):
         reason = (
             f"{size} bytes that are no packet (72 bytes from 0xE7 to a matching checksum): damaged or lost in "
             "recording, or of another stream"
         )
         account.reject(f"byte {begin}", reason)
-
-
-def _notices(heads: npt.NDArray[np.uint8]) -> tuple[Notices, Notices]:
-    """Return the valid GPS minutes (status channel 0) and differences UTC - GPS in seconds (status channel 16)."""
-
-    def telling(channel: int) -> npt.NDArray[np.intp]:
-        packets: npt.NDArray[np.intp] = np.flatnonzero(heads[_CHANNEL] == channel)
-        told: npt.NDArray[np.intp] = packets[layout.HOLDS_CHANNEL[heads[_STATUS, packets]]]
-        return told
-
-    minute_at, utc_at = telling(layout.TIME_CHANNEL), telling(layout.UTC_CHANNEL)
-    minute = np.ascontiguousarray(heads[_MINUTE, minute_at].T).view("<i4")[:, 0].astype(np.int64)
-    valid = (minute >= layout.FIRST_VALID_MINUTE) & (minute <= layout.LAST_VALID_MINUTE)
-    coded = heads[_UTC, utc_at].view(np.int8)
-    told = (coded & 1).astype(bool)
-    return Notices(minute_at[valid], minute[valid]), Notices(utc_at[told], (coded[told] >> 1).astype(np.int64))

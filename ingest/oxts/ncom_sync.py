@@ -2,41 +2,56 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from ..words import word_at
+from ..words import SUMMED, sum_at, word_at
+from .ncom_layout import FIRST_VALID_MINUTE, HOLDS_CHANNEL, LAST_VALID_MINUTE, TIME_CHANNEL, UTC_CHANNEL
 from .ncom_time import MINUTE, REORDERED
-
-HEAD = (1, 2, 21, 62, 63, 64, 65, 66, 70)
-"""The bytes of a packet that tell its time and those of its neighbours."""
-
-
-_EVERY_SECOND = np.uint64(0x00FF00FF00FF00FF)
 
 
 @njit(cache=True, nogil=True)
-def _checksum3(data: npt.NDArray[np.uint8], place: np.uint64) -> np.uint64:
-    """Return the sum modulo 256 of bytes 1 to 70 of the packet at `place`, a word at a time."""
-    word = word_at(data, place + np.uint64(64)) & np.uint64(0x00FFFFFFFFFFFFFF)  # The last byte is the sum itself.
-    sums = (word & _EVERY_SECOND) + (word >> np.uint64(8) & _EVERY_SECOND)
-    for k in range(8):
-        word = word_at(data, place + np.uint64(8 * k))
-        sums += (word & _EVERY_SECOND) + (word >> np.uint64(8) & _EVERY_SECOND)
-    total = sums * np.uint64(0x0001000100010001) >> np.uint64(48)
-    return np.uint64(total - np.uint64(0xE7) & np.uint64(0xFF))
+def _has_checksum3(data: npt.NDArray[np.uint8], place: int) -> bool:
+    """Tell whether the last byte of the packet at `place` is the sum of those between it and the first."""
+    last = word_at(data, np.uint64(place + SUMMED))
+    pairs = (last & np.uint64(0x00FF00FF00FF00FF)) + (last >> np.uint64(8) & np.uint64(0x00FF00FF00FF00FF))
+    rest = pairs * np.uint64(0x0001000100010001) >> np.uint64(48)
+    total = np.uint64(sum_at(data, np.uint64(place))) + rest
+    # The total has the first byte, 0xE7, and the last one, too.
+    return bool((total - np.uint64(0xE7) - np.uint64(2) * (last >> np.uint64(56))) & np.uint64(0xFF) == np.uint64(0))
+
+
+class Found(NamedTuple):
+    """What is found in the packets of a file, before they are decoded.
+
+    Attributes:
+        offset: int64 (n,), where they begin, in order.
+        milliseconds: uint16 (n,), within the minute.
+        status: uint8 (n,), navigation status.
+        channel: uint8 (n,), status channel.
+        minute_at: int64 (m,), numbers of those that tell a valid GPS minute (status channel 0), and
+        minute: int64 (m,), which.
+        utc_at: int64 (k,), numbers of those that tell UTC - GPS (status channel 16), and
+        utc_offset: int64 (k,), s.
+    """
+
+    offset: npt.NDArray[np.int64]
+    milliseconds: npt.NDArray[np.uint16]
+    status: npt.NDArray[np.uint8]
+    channel: npt.NDArray[np.uint8]
+    minute_at: npt.NDArray[np.int64]
+    minute: npt.NDArray[np.int64]
+    utc_at: npt.NDArray[np.int64]
+    utc_offset: npt.NDArray[np.int64]
 
 
 @njit(cache=True, nogil=True)
 def find_packets(
-    data: npt.NDArray[np.uint8],
-    place: int,
-    stop: int,
-    offsets: npt.NDArray[np.int64],
-    heads: npt.NDArray[np.uint8],
-    count: int,
-) -> tuple[int, int]:
+    data: npt.NDArray[np.uint8], place: int, stop: int, found: Found, counts: tuple[int, int, int]
+) -> tuple[int, tuple[int, int, int]]:
     """Find the NCOM packets that lie between two places of a file.
 
     A packet is 72 bytes that begin with 0xE7 and end in the sum of the bytes between, modulo 256 (checksum 3);
@@ -47,23 +62,34 @@ def find_packets(
         data: uint8 (n_bytes,), the file.
         place: Where the search begins.
         stop: Where it ends.
-        offsets: (most,), filled from `count` on with where packets begin, in order.
-        heads: (9, most), filled with their bytes `HEAD`.
-        count: Packets that were found before.
+        found: Long enough, with what was found before; what is found now is added.
+        counts: Packets that were found before, and how many of them tell minutes, and UTC - GPS.
 
     Returns:
-        How many are found now, and where the search ended.
+        Where the search ended, and what is counted now.
     """
+    packets, minutes, utc_offsets = counts
     while place + 72 <= stop:
-        if data[place] == 0xE7 and _checksum3(data, np.uint64(place)) == data[place + 71]:
-            offsets[count] = place
-            for k in range(len(HEAD)):
-                heads[k, count] = data[place + HEAD[k]]
-            count += 1
-            place += 72
+        if data[place] != 0xE7 or not _has_checksum3(data, place):
+            place += 1
             continue
-        place += 1
-    return count, place
+        status, channel = data[place + 21], data[place + 62]
+        found.offset[packets] = place
+        found.milliseconds[packets] = np.uint16(data[place + 1]) | np.uint16(data[place + 2]) << 8
+        found.status[packets], found.channel[packets] = status, channel
+        if channel == TIME_CHANNEL and HOLDS_CHANNEL[status]:
+            minute = np.int64(np.int32(word_at(data, np.uint64(place + 63)) & np.uint64(0xFFFFFFFF)))
+            if FIRST_VALID_MINUTE <= minute <= LAST_VALID_MINUTE:
+                found.minute_at[minutes], found.minute[minutes] = packets, minute
+                minutes += 1
+        elif channel == UTC_CHANNEL and HOLDS_CHANNEL[status]:
+            coded = np.int64(np.int8(data[place + 70]))
+            if coded & 1:
+                found.utc_at[utc_offsets], found.utc_offset[utc_offsets] = packets, coded >> 1
+                utc_offsets += 1
+        packets += 1
+        place += 72
+    return place, (packets, minutes, utc_offsets)
 
 
 @njit(cache=True, nogil=True)

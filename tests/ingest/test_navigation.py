@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pyproj import Geod, Transformer
 from scipy.spatial.transform import Rotation
 
-from wheelprint.ingest.motion import sines_and_cosines, wrapped
+from wheelprint.ingest.motion import near_cosine, near_sine, wrapped
 from wheelprint.ingest.navigation import (
     GRAVITY,
     Origin,
@@ -54,6 +54,17 @@ class TestLocalPosition:
         )
         east, north, _ = reference.transform(longitude, latitude, altitude)
         x, y = local_position(latitude, longitude, altitude, origin)
+        assert np.abs(x - east).max() < 1e-7
+        assert np.abs(y - north).max() < 1e-7
+
+    def test_agrees_with_pyproj_on_the_other_side_of_the_earth(self) -> None:
+        reference = Transformer.from_pipeline(
+            "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad +step +proj=cart +ellps=WGS84 +step "
+            "+proj=topocentric +ellps=WGS84 +lon_0=11 +lat_0=48 +h_0=5"
+        )
+        latitude, longitude = doubles(48.0, -33.0, 48.0, 90.0), doubles(11.0, 11.0, 151.0, -170.0)
+        east, north, _ = reference.transform(longitude, latitude, np.full(4, 5.0))
+        x, y = local_position(latitude, longitude, np.full(4, np.nan), Origin(48.0, 11.0, 5.0))
         assert np.abs(x - east).max() < 1e-7
         assert np.abs(y - north).max() < 1e-7
 
@@ -98,12 +109,17 @@ class TestDirections:
 class TestSeries:
     """What vector units add up, against the C library."""
 
-    @pytest.mark.parametrize("largest", [1e-8, 0.01, np.pi / 4, 1.0, 100.0])
-    def test_sines_and_cosines(self, largest: float) -> None:
-        angle = np.append(np.random.default_rng(0).uniform(-largest, largest, 1001), [largest, -largest, 0.0, np.nan])
-        sine, cosine = sines_and_cosines(angle)
-        assert sine == pytest.approx(np.sin(angle), rel=1e-15, abs=0, nan_ok=True)
-        assert cosine == pytest.approx(np.cos(angle), rel=1e-15, abs=0, nan_ok=True)
+    @given(angle=st.one_of(st.floats(-np.pi / 4, np.pi / 4), st.sampled_from((np.pi / 4, 1e-8, 0.0, np.nan))))
+    def test_sines_and_cosines(self, angle: float) -> None:
+        assert near_sine(angle) == pytest.approx(np.sin(angle), rel=1e-15, abs=0, nan_ok=True)
+        assert near_cosine(angle) == pytest.approx(np.cos(angle), rel=1e-15, abs=0, nan_ok=True)
+
+    @pytest.mark.parametrize("largest", [0.01, np.pi / 4, 1.0, 100.0])
+    def test_gravity_at_any_angle(self, largest: float) -> None:
+        pitch, roll = np.random.default_rng(0).uniform(-largest, largest, (2, 1001))
+        forward, left = remove_gravity(np.zeros((1001, 3)), pitch, roll)
+        assert forward == pytest.approx(-GRAVITY * np.sin(pitch), rel=1e-15, abs=0)
+        assert left == pytest.approx(-GRAVITY * np.cos(pitch) * np.sin(roll), rel=1e-15, abs=0)
 
     @given(north=st.floats(-1e3, 1e3), east=st.floats(-1e3, 1e3))
     def test_courses(self, north: float, east: float) -> None:
