@@ -146,7 +146,8 @@ def decode_message(decoder: MessageDecoder, frames: MessageFrames) -> pa.RecordB
     """Return frames, all of one message, in the decoder's schema."""
     schema, count = decoder.schema, len(frames)
     time = pa.Array.from_buffers(schema.field("time").type, count, [None, pa.py_buffer(frames.time)], 0)
-    channels = pa.DictionaryArray.from_arrays(frames.channel.astype(np.int32), pa.array(frames.channels, pa.string()))
+    names = pa.array(frames.channels, pa.string())
+    channels = pa.DictionaryArray.from_arrays(frames.channel.astype(np.int32), names, safe=False)
     fields = _address_fields(decoder.layout)
     addresses = [pa.array((frames.id >> shift).astype(np.uint8)) for shift in (0, 8)[: len(fields)]]
     signals = _decode(decoder, frames.data, frames.length)
@@ -289,8 +290,12 @@ def _absences(
         if signal.multiplexer is not None:
             key = (signal.multiplexer, signal.multiplexer_values)
             if key not in selections:
-                bits = values[decoder.multiplexers[signal.multiplexer]]
-                selections[key] = np.isin(bits, np.array(signal.multiplexer_values, np.uint64), invert=True)
+                bits, selecting = values[decoder.multiplexers[signal.multiplexer]], signal.multiplexer_values
+                selections[key] = (
+                    bits != selecting[0]
+                    if len(selecting) == 1
+                    else np.isin(bits, np.array(selecting, np.uint64), invert=True)
+                )
             for other in (selections[key], absences[signal.multiplexer]):
                 absent = other if absent is None else absent if other is None else absent | other
         absences[signal.name] = absent
