@@ -90,18 +90,23 @@ def _none_beyond(limit: float, angles: Values, middle: float) -> bool:
 
 
 @njit(cache=True, nogil=True)
+def _tilt(pitch: float, roll: float) -> tuple[float, float]:
+    """Return pitch and roll, 0 where one of them is NaN."""
+    level = math.isnan(pitch) | math.isnan(roll)
+    return 0.0 if level else pitch, 0.0 if level else roll
+
+
+@njit(cache=True, nogil=True)
 def _set_without_gravity(
     along: Values, across: Values, pitch: Values, roll: Values, gravity: float, forward: Values, left: Values
 ) -> None:
     near = _none_beyond(math.pi / 4, pitch, 0.0) & _none_beyond(math.pi / 4, roll, 0.0)
     for k in range(len(along) if near else 0):
-        level = math.isnan(pitch[k]) | math.isnan(roll[k])
-        up, down = 0.0 if level else pitch[k], 0.0 if level else roll[k]
+        up, down = _tilt(pitch[k], roll[k])
         forward[k] = along[k] - gravity * near_sine(up)
         left[k] = -(across[k] + gravity * near_cosine(up) * near_sine(down))
     for k in range(0 if near else len(along)):
-        level = math.isnan(pitch[k]) | math.isnan(roll[k])
-        up, down = 0.0 if level else pitch[k], 0.0 if level else roll[k]
+        up, down = _tilt(pitch[k], roll[k])
         forward[k] = along[k] - gravity * math.sin(up)
         left[k] = -(across[k] + gravity * math.cos(up) * math.sin(down))
 

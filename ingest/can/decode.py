@@ -146,8 +146,7 @@ def decode_message(decoder: MessageDecoder, frames: MessageFrames) -> pa.RecordB
     """Return frames, all of one message, in the decoder's schema."""
     schema, count = decoder.schema, len(frames)
     time = pa.Array.from_buffers(schema.field("time").type, count, [None, pa.py_buffer(frames.time)], 0)
-    names = pa.array(frames.channels, pa.string())
-    channels = pa.DictionaryArray.from_arrays(frames.channel.astype(np.int32), names, safe=False)
+    channels = pa.DictionaryArray.from_arrays(frames.channel.astype(np.int32), pa.array(frames.channels, pa.string()))
     fields = _address_fields(decoder.layout)
     addresses = [pa.array((frames.id >> shift).astype(np.uint8)) for shift in (0, 8)[: len(fields)]]
     signals = _decode(decoder, frames.data, frames.length)
