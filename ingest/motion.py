@@ -200,3 +200,15 @@ def east_north(
         east[k] = out * math.sin(to_east)
         north[k] = cosine * (up - first_up) - sine * (out * math.cos(to_east) - first_out)
     return east, north
+
+
+@njit(cache=True, nogil=True)
+def within_limits(
+    latitude: Values, longitude: Values, altitude: Values, altitudes: tuple[float, float]
+) -> npt.NDArray[np.bool_]:
+    """Tell which positions (deg, deg, m) are on earth, and not below or above two altitudes; NaN is not."""
+    inside = np.empty(len(latitude), np.bool_)
+    for k in range(len(latitude)):
+        level = (altitude[k] >= altitudes[0]) & (altitude[k] <= altitudes[1])
+        inside[k] = (abs(latitude[k]) <= 90.0) & (abs(longitude[k]) <= 180.0) & level
+    return inside

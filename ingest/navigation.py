@@ -175,8 +175,11 @@ def inertial_signals(
 
 def is_on_earth(latitude: Values, longitude: Values, altitude: Values) -> npt.NDArray[np.bool_]:
     """Tell which positions (deg, deg, m) a car can be at; NaN is nowhere."""
-    lowest, highest = SIGNALS["altitude"].minimum, SIGNALS["altitude"].maximum
-    return (np.abs(latitude) <= 90) & (np.abs(longitude) <= 180) & (altitude >= lowest) & (altitude <= highest)
+    from .motion import within_limits
+
+    limits = SIGNALS["altitude"].minimum, SIGNALS["altitude"].maximum
+    inside: npt.NDArray[np.bool_] = within_limits(*map(_contiguous, (latitude, longitude, altitude)), limits)
+    return inside
 
 
 def impossible_positions(latitude: Values, longitude: Values, altitude: Values, record: str) -> dict[int, str]:

@@ -93,7 +93,7 @@ def find_packets(
 
 
 @njit(cache=True, nogil=True)
-def count_through(within: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
+def count_through(within: npt.NDArray[np.uint16]) -> npt.NDArray[np.int64]:
     """Return the milliseconds of packets, (n,) within the minute, counted on over the minutes from the first packet's.
 
     A step back of less than `REORDERED` is one; any other leads into a later minute.
@@ -101,7 +101,7 @@ def count_through(within: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
     count = np.empty(len(within), np.int64)
     total = last = np.int64(within[0])
     for k in range(len(within)):
-        step = within[k] - last
+        step = np.int64(within[k]) - last
         if step <= -REORDERED or step > MINUTE - REORDERED:
             step += MINUTE if step < 0 else -MINUTE
         last = np.int64(within[k])

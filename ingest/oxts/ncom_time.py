@@ -84,7 +84,7 @@ def stamp_packets(
         return _stamps(len(status), packets, packets, doubts, utc_from)
 
     complete = len(packets) == len(status)
-    within = (milliseconds if complete else milliseconds[packets]).astype(np.int32)
+    within = milliseconds if complete else milliseconds[packets]
     gps = count_through(within)
     starts, located = _start(packets, within, gps, status, minutes, doubts)
     if starts is None:
@@ -115,14 +115,15 @@ def _stamps(
     return Stamps(time, known, doubts, utc_from)
 
 
-def _steps(within: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+def _steps(within: npt.NDArray[np.uint16]) -> npt.NDArray[np.int32]:
     """Return the steps (n - 1,) between milliseconds within the minute, as if each were forward."""
-    return np.asarray(np.diff(within) % MINUTE, np.int32)
+    forward = within.astype(np.int32)
+    return (forward[1:] - forward[:-1]) % np.int32(MINUTE)
 
 
 def _start(
     packets: npt.NDArray[np.intp],
-    within: npt.NDArray[np.int32],
+    within: npt.NDArray[np.uint16],
     count: npt.NDArray[np.int64],
     status: npt.NDArray[np.uint8],
     minutes: Notices,
@@ -140,6 +141,8 @@ def _start(
         usable = (packets[place] == carriers) | ((status[carriers] == STATUS_ONLY) & inside)
         carriers, minute, place = carriers[usable], minute[usable], place[usable]
     start = minute * MINUTE - (count[place] - within[place])
+    if len(start) and (start == start[0]).all():
+        return start[:1], located
     alone = np.zeros(len(start), bool)
     alone[1:-1] = (start[1:-1] != start[:-2]) & (start[:-2] == start[2:])
     for packet, lone in zip(carriers[alone].tolist(), minute[alone].tolist(), strict=True):

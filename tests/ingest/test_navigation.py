@@ -20,6 +20,7 @@ from wheelprint.ingest.navigation import (
     Origin,
     anticlockwise_from_east,
     horizontal_motion,
+    is_on_earth,
     local_position,
     longest_increasing,
     merge_navigation,
@@ -28,6 +29,7 @@ from wheelprint.ingest.navigation import (
     remove_gravity,
 )
 from wheelprint.schemas.angles import wrap_degrees
+from wheelprint.schemas.signals import SIGNALS
 from wheelprint.schemas.tables import NAVIGATION
 
 START = 1_700_000_000_000_000_000
@@ -224,3 +226,16 @@ class TestTables:
         assert json.loads(merged.schema.metadata[b"origin"]) == {"latitude": 48.0, "longitude": 11.0, "altitude": 0.0}
         assert merged["x"].to_pylist() == [None, None, 0.0]
         assert len(merge_navigation([blind, table(9, [0.0], None)])) == 3
+
+
+def test_a_position_is_on_earth_up_to_its_limits() -> None:
+    lowest, highest = SIGNALS["altitude"].minimum, SIGNALS["altitude"].maximum
+    limits = ((-90.0, 90.0), (-180.0, 180.0), (lowest, highest))
+    inside, (past, unknown) = [0.0, 0.0, 100.0], (np.inf, np.nan)
+    places, expected = [inside], [True]
+    for column, (low, high) in enumerate(limits):
+        for value in (low, high, np.nextafter(low, -past), np.nextafter(high, past), -past, past, unknown):
+            places.append([value if number == column else usual for number, usual in enumerate(inside)])
+            expected.append(low <= value <= high)
+    latitude, longitude, altitude = np.array(places).T
+    assert is_on_earth(latitude, longitude, altitude).tolist() == expected
