@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Generator
+from collections.abc import Generator, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -66,6 +66,20 @@ def blocks(path: Path, account: Account, size: int = BLOCK) -> Generator[bytes, 
         raise InputError(path, "", "no such file; check the path, or whether the disk is mounted") from None
     except OSError as error:
         raise InputError(path, "", f"cannot be read: {error.strerror or error}") from None
+
+
+def joined(pieces: Iterable[bytes], size: int) -> Iterator[bytes]:
+    """Yield content in pieces of `size` bytes or more, all but the last; what is large enough already is not copied."""
+    waiting: list[bytes] = []
+    length = 0
+    for piece in pieces:
+        waiting.append(piece)
+        length += len(piece)
+        if length >= size:
+            yield b"".join(waiting)
+            waiting, length = [], 0
+    if waiting:
+        yield b"".join(waiting)
 
 
 def _gunzip(file: BinaryIO, account: Account, size: int) -> Generator[bytes, None, bool]:

@@ -64,7 +64,7 @@ class Ncom:
         Raises:
             InputError: The file is missing, unreadable, empty, or holds no packet.
         """
-        for _, packets in scan_packets(self.path, account):
+        for _, packets in scan_packets(self.path, account).batches(account):
             account.accepted += len(packets)
             yield packets
 
@@ -98,12 +98,14 @@ class Ncom:
             reason = f"the log never tells UTC from GPS time (status channel 16), and {BEYOND_TABLE}"
             account.remarks.append(("", reason))
         metadata = {"utc_from": stamps.utc_from}
-        yield from navigation_batches(lambda _: _samples(scan), account, metadata, unit="byte", record="packet")
+        yield from navigation_batches(
+            lambda account: _samples(scan, account), account, metadata, unit="byte", record="packet"
+        )
 
 
 def _why_no_time(scan: Scan) -> str:
     count = len(scan.offset)
-    statuses = sorted(set(scan.data[scan.offset + 21].tolist()))
+    statuses = sorted(set(scan.status.tolist()))
     if not any(layout.INITIALISING <= status <= layout.LOCKED for status in statuses):
         return (
             f"none of its {count} packets carries time: their navigation status is {', '.join(map(str, statuses))}, "
@@ -116,9 +118,9 @@ def _why_no_time(scan: Scan) -> str:
     )
 
 
-def _samples(scan: Scan) -> Iterator[Samples]:
+def _samples(scan: Scan, account: Account) -> Iterator[Samples]:
     accuracy = np.nan
-    for first, packets in scan:
+    for first, packets in scan.batches(account):
         accuracies = position_accuracy(packets, accuracy)
         accuracy = float(accuracies[-1])
         doubts = {

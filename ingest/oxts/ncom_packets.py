@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from mmap import ACCESS_READ, MADV_DONTNEED, mmap
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +12,7 @@ import numpy.typing as npt
 
 from ...schemas.errors import InputError
 from ..account import Account
-from ..content import blocks, head
+from ..content import blocks, joined
 from . import ncom_layout as layout
 from .ncom_time import Notices, Stamps, stamp_packets
 
@@ -22,8 +21,8 @@ if TYPE_CHECKING:
 
 BATCH = 65_536
 """Packets decoded at once; about 11 MB."""
-BLOCK = 1 << 22
-"""Bytes searched at once."""
+BLOCK = 8_192
+"""Packets searched for at once; about half the second cache."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,33 +124,55 @@ class Scan:
     """A file's packets, found and stamped but not yet decoded.
 
     Attributes:
-        data: uint8 (n_bytes,), the file.
-        mapped: What `data` is a view of; None where the file is compressed, and so had to be loaded.
+        path: The file.
         offset: int64 (n,), where packets begin.
         status: uint8 (n,), their navigation status.
         channel: uint8 (n,), their status channel.
         stamps: Their times.
     """
 
-    data: npt.NDArray[np.uint8]
-    mapped: mmap | None
+    path: Path
     offset: npt.NDArray[np.int64]
     status: npt.NDArray[np.uint8]
     channel: npt.NDArray[np.uint8]
     stamps: Stamps
 
-    def __iter__(self) -> Iterator[tuple[int, NcomPackets]]:
-        """Yield batches of decoded packets, each with the number of its first packet."""
-        for first in range(0, len(self.offset), BATCH):
-            chosen = slice(first, first + BATCH)
-            offset, stamps = self.offset[chosen], self.stamps
-            if int(offset[-1] - offset[0]) == layout.LENGTH * (len(offset) - 1):
-                raw = self.data[offset[0] : offset[-1] + layout.LENGTH].reshape(-1, layout.LENGTH)
-            else:
-                raw = self.data[offset[:, None] + np.arange(layout.LENGTH)]
-            time, known, status, channel = stamps.time[chosen], stamps.known[chosen], self.status, self.channel
-            yield first, NcomPackets(offset, time, known, status[chosen], channel[chosen], raw)
-            _forget(self.mapped)
+    def batches(self, account: Account) -> Iterator[tuple[int, NcomPackets]]:
+        """Read the file again, and yield batches of its packets, each with the number of its first packet.
+
+        Args:
+            account: Told how far the file is read; all else is counted already.
+
+        Raises:
+            InputError: The file cannot be read any more, or not all of it.
+        """
+        again = Account()
+        first, begin, rest = 0, 0, b""
+        for block in joined(blocks(self.path, again, BATCH * layout.LENGTH), BATCH * layout.LENGTH):
+            account.bytes_read = again.bytes_read
+            content = rest + block
+            stop = int(np.searchsorted(self.offset, begin + len(content) - layout.LENGTH, "right"))
+            if first < stop:
+                yield first, self._packets(slice(first, stop), content, begin)
+            used = int(self.offset[stop]) - begin if stop < len(self.offset) else len(content)
+            first, begin, rest = stop, begin + min(used, len(content)), content[used:]
+        if first < len(self.offset):
+            reason = (
+                f"ended before its packet {first + 1} of {len(self.offset)} when it was read again, so something wrote "
+                "to it meanwhile; convert it when it is complete"
+            )
+            raise InputError(self.path, f"byte {begin}", reason)
+
+    def _packets(self, chosen: slice, content: bytes, begin: int) -> NcomPackets:
+        """Return packets that stand in `content`, which begins at a byte of the file."""
+        octets, offset, stamps = np.frombuffer(content, np.uint8), self.offset[chosen], self.stamps
+        places = offset - begin
+        if int(places[-1] - places[0]) == layout.LENGTH * (len(places) - 1):
+            raw = octets[places[0] : places[-1] + layout.LENGTH].reshape(-1, layout.LENGTH)
+        else:
+            raw = octets[places[:, None] + np.arange(layout.LENGTH)]
+        time, known, status, channel = stamps.time[chosen], stamps.known[chosen], self.status, self.channel
+        return NcomPackets(offset, time, known, status[chosen], channel[chosen], raw)
 
 
 def scan_packets(path: Path, account: Account) -> Scan:
@@ -165,86 +186,49 @@ def scan_packets(path: Path, account: Account) -> Scan:
     Raises:
         InputError: The file is missing, unreadable, empty, or holds no packet.
     """
-    data, mapped = _content(path, account)
-    found = _find(data, mapped)
+    found, size, rest = _find(path, account)
+    if size == 0:
+        reason = "holds nothing: empty, or compressed and damaged from its start; the unit may have been off too early"
+        raise InputError(path, "", reason)
     if len(found.offset) == 0:
         reason = (
-            f"holds no NCOM packet in {len(data)} bytes; one is 72 bytes from 0xE7 to a matching checksum. "
+            f"holds no NCOM packet in {size} bytes; one is 72 bytes from 0xE7 to a matching checksum. "
             "It may be of another format: export the unit's recording as NCOM"
         )
         raise InputError(path, "", reason)
-    _account_for_the_rest(data, found.offset, account)
+    _account_for_the_rest(found.offset, size, rest, account)
     minutes, utc_offsets = Notices(found.minute_at, found.minute), Notices(found.utc_at, found.utc_offset)
     stamps = stamp_packets(found.status, found.milliseconds, minutes, utc_offsets)
-    return Scan(data, mapped, found.offset, found.status, found.channel, stamps)
+    return Scan(path, found.offset, found.status, found.channel, stamps)
 
 
-def _content(path: Path, account: Account) -> tuple[npt.NDArray[np.uint8], mmap | None]:
-    start = head(path)
-    if not start:
-        reason = "holds nothing: empty, or compressed and damaged from its start; the unit may have been off too early"
-        raise InputError(path, "", reason)
-    try:
-        with path.open("rb") as file:
-            mapped = mmap(file.fileno(), 0, access=ACCESS_READ)
-    except OSError as error:
-        raise InputError(path, "", f"cannot be read: {error.strerror or error}") from None
-    if mapped[: len(start)] == start:
-        return np.frombuffer(mapped, np.uint8), mapped
-    return np.frombuffer(b"".join(blocks(path, account)), np.uint8), None
-
-
-def _forget(mapped: mmap | None) -> None:
-    """Give the pages of a file that were read back to the system, or they count as memory of this process."""
-    if mapped is not None:
-        mapped.madvise(MADV_DONTNEED)
-
-
-def _find(data: npt.NDArray[np.uint8], mapped: mmap | None) -> Found:
+def _find(path: Path, account: Account) -> tuple[Found, int, bytes]:
+    """Return what is found in a file, how many bytes it has decompressed, and the last ones, too few for a packet."""
     from .ncom_sync import Found, find_packets
 
-    most = len(data) // layout.LENGTH
-    found = Found(
-        offset=np.empty(most, np.int64),
-        milliseconds=np.empty(most, np.uint16),
-        status=np.empty(most, np.uint8),
-        channel=np.empty(most, np.uint8),
-        minute_at=np.empty(most, np.int64),
-        minute=np.empty(most, np.int64),
-        utc_at=np.empty(most, np.int64),
-        utc_offset=np.empty(most, np.int64),
-    )
-    place, searched, counts = 0, 0, (0, 0, 0)
-    while searched < len(data):
-        searched = min(place + BLOCK, len(data))
-        place, counts = find_packets(data, place, searched, found, counts)
-        _forget(mapped)
-    packets, minutes, utc_offsets = (slice(count) for count in counts)
-    return Found(
-        found.offset[packets],
-        found.milliseconds[packets],
-        found.status[packets],
-        found.channel[packets],
-        found.minute_at[minutes],
-        found.minute[minutes],
-        found.utc_at[utc_offsets],
-        found.utc_offset[utc_offsets],
-    )
+    found, counts, begin, rest = Found.room_for(0), (0, 0, 0), 0, b""
+    for block in blocks(path, account, BLOCK * layout.LENGTH):
+        content = rest + block
+        if (most := counts[0] + len(content) // layout.LENGTH) > len(found.offset):
+            # Of a compressed file nobody knows how much is to come.
+            found = found.first(counts).moved_to(Found.room_for(max(2 * most, path.stat().st_size // layout.LENGTH)))
+        place, counts = find_packets(np.frombuffer(content, np.uint8), begin, found, counts)
+        begin, rest = begin + place, content[place:]
+    account.bytes_read = 0
+    return found.first(counts), begin + len(rest), rest
 
 
-def _account_for_the_rest(data: npt.NDArray[np.uint8], offset: npt.NDArray[np.int64], account: Account) -> None:
-    """Account for every byte that is in no packet."""
-    last = int(offset[-1]) + layout.LENGTH
-    tail = max(last, len(data) - layout.LENGTH + 1)
-    syncs = np.flatnonzero(data[tail:] == layout.SYNC)
-    end = tail + int(syncs[0]) if len(syncs) else len(data)
-    account.truncated |= end < len(data)
+def _account_for_the_rest(offset: npt.NDArray[np.int64], size: int, rest: bytes, account: Account) -> None:
+    """Account for every byte that is in no packet of a file of so many bytes, the last of which are `rest`."""
+    sync = rest.find(layout.SYNC)
+    end = size if sync < 0 else size - len(rest) + sync
+    account.truncated |= end < size
     broken: npt.NDArray[np.intp] = np.flatnonzero(np.diff(offset) != layout.LENGTH)
-    begins = [0, *(offset[broken] + layout.LENGTH).tolist(), last]
+    begins = [0, *(offset[broken] + layout.LENGTH).tolist(), int(offset[-1]) + layout.LENGTH]
     ends = [int(offset[0]), *offset[broken + 1].tolist(), end]
-    for begin, size in ((begin, end - begin) for begin, end in zip(begins, ends, strict=True) if end > begin):
+    for begin, length in ((begin, end - begin) for begin, end in zip(begins, ends, strict=True) if end > begin):
         reason = (
-            f"{size} bytes that are no packet (72 bytes from 0xE7 to a matching checksum): damaged or lost in "
+            f"{length} bytes that are no packet (72 bytes from 0xE7 to a matching checksum): damaged or lost in "
             "recording, or of another stream"
         )
         account.reject(f"byte {begin}", reason)

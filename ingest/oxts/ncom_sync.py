@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -47,34 +47,70 @@ class Found(NamedTuple):
     utc_at: npt.NDArray[np.int64]
     utc_offset: npt.NDArray[np.int64]
 
+    @staticmethod
+    def room_for(count: int) -> Found:
+        """Return what so many packets fill."""
+        return Found(
+            np.empty(count, np.int64),
+            np.empty(count, np.uint16),
+            np.empty(count, np.uint8),
+            np.empty(count, np.uint8),
+            np.empty(count, np.int64),
+            np.empty(count, np.int64),
+            np.empty(count, np.int64),
+            np.empty(count, np.int64),
+        )
+
+    def first(self, counts: tuple[int, int, int]) -> Found:
+        """Return what is filled of packets, of minutes and of UTC - GPS."""
+        packets, minutes, utc_offsets = (slice(count) for count in counts)
+        return Found(
+            self.offset[packets],
+            self.milliseconds[packets],
+            self.status[packets],
+            self.channel[packets],
+            self.minute_at[minutes],
+            self.minute[minutes],
+            self.utc_at[utc_offsets],
+            self.utc_offset[utc_offsets],
+        )
+
+    def moved_to(self, room: Found) -> Found:
+        """Return larger arrays, with the content of these at their start."""
+        filled: tuple[npt.NDArray[Any], ...] = self
+        larger: tuple[npt.NDArray[Any], ...] = room
+        for old, new in zip(filled, larger, strict=True):
+            new[: len(old)] = old
+        return room
+
 
 @njit(cache=True, nogil=True)
 def find_packets(
-    data: npt.NDArray[np.uint8], place: int, stop: int, found: Found, counts: tuple[int, int, int]
+    data: npt.NDArray[np.uint8], begin: int, found: Found, counts: tuple[int, int, int]
 ) -> tuple[int, tuple[int, int, int]]:
-    """Find the NCOM packets that lie between two places of a file.
+    """Find the NCOM packets in a piece of a file.
 
     A packet is 72 bytes that begin with 0xE7 and end in the sum of the bytes between, modulo 256 (checksum 3);
     where there is none, the search goes on one byte further, as OxTS's own decoder does. It ends less than 72 bytes
     before the end.
 
     Args:
-        data: uint8 (n_bytes,), the file.
-        place: Where the search begins.
-        stop: Where it ends.
+        data: uint8 (n_bytes,), the piece.
+        begin: The byte of the file where it begins.
         found: Long enough, with what was found before; what is found now is added.
         counts: Packets that were found before, and how many of them tell minutes, and UTC - GPS.
 
     Returns:
-        Where the search ended, and what is counted now.
+        Where in the piece the search ended, and what is counted now.
     """
     packets, minutes, utc_offsets = counts
-    while place + 72 <= stop:
+    place = 0
+    while place + 72 <= len(data):
         if data[place] != 0xE7 or not _has_checksum3(data, place):
             place += 1
             continue
         status, channel = data[place + 21], data[place + 62]
-        found.offset[packets] = place
+        found.offset[packets] = begin + place
         found.milliseconds[packets] = np.uint16(data[place + 1]) | np.uint16(data[place + 2]) << 8
         found.status[packets], found.channel[packets] = status, channel
         if channel == TIME_CHANNEL and HOLDS_CHANNEL[status]:

@@ -10,7 +10,7 @@ import json
 import pickle
 import re
 import struct
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
@@ -19,12 +19,13 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
-from hypothesis import given
+import zstandard
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from wheelprint.ingest.account import Account
 from wheelprint.ingest.oxts.ncom import Ncom
-from wheelprint.ingest.oxts.ncom_packets import NcomPackets
+from wheelprint.ingest.oxts.ncom_packets import NcomPackets, scan_packets
 from wheelprint.schemas.errors import InputError
 from wheelprint.schemas.tables import NAVIGATION
 
@@ -176,6 +177,7 @@ class TestPackets:
             content += garbage + (clock(100 * number) if random.random() < 0.7 else packet(100 * number))
         content += clock(50_000)
         content = content[: len(content) - cut]
+        assume(not content.startswith((b"\x1f\x8b", b"\x28\xb5\x2f\xfd")))  # Such a file is a compressed one.
         path.write_bytes(content)
         batches, account = read_packets(path)
         assert np.concatenate([batch.offset for batch in batches]).tolist() == walk(content)
@@ -222,6 +224,33 @@ class TestPackets:
         assert (account.truncated, account.rejected) == (True, 1)
         assert account.rejections[0][1].startswith("100 bytes that are no packet")
 
+    @given(
+        pieces=st.lists(st.one_of(st.just(b""), st.binary(max_size=300)), min_size=1, max_size=12),
+        sizes=st.tuples(st.integers(1, 4), st.integers(1, 4)),
+        pack=st.sampled_from([bytes, gzip.compress, zstandard.compress]),
+        seed=st.integers(0, 2**32 - 1),
+    )
+    def test_packets_are_found_whole_wherever_a_piece_of_the_file_ends(
+        self,
+        tmp_path_factory: pytest.TempPathFactory,
+        pieces: list[bytes],
+        sizes: tuple[int, int],
+        pack: Callable[[bytes], bytes],
+        seed: int,
+    ) -> None:
+        path = tmp_path_factory.mktemp("pieces") / "nav.ncom"
+        random = np.random.default_rng(seed)
+        content = clock(0) + b"".join(garbage + clock(10) * random.integers(1, 5) for garbage in pieces)
+        path.write_bytes(pack(content))
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("wheelprint.ingest.oxts.ncom_packets.BLOCK", sizes[0])
+            patch.setattr("wheelprint.ingest.oxts.ncom_packets.BATCH", sizes[1])
+            batches, account = read_packets(path)
+        places = walk(content)
+        assert np.concatenate([batch.offset for batch in batches]).tolist() == places
+        assert b"".join(batch.raw.tobytes() for batch in batches) == b"".join(content[o : o + 72] for o in places)
+        assert account == read_packets(path)[1]
+
     def test_batches_do_not_depend_on_their_size(self, log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         random = np.random.default_rng(3)
         content = [packet(10)]
@@ -236,7 +265,7 @@ class TestPackets:
         whole, account = read_samples(log, content)
         assert whole["position_accuracy"].null_count not in (0, len(whole))
         monkeypatch.setattr("wheelprint.ingest.oxts.ncom_packets.BATCH", 7)
-        monkeypatch.setattr("wheelprint.ingest.oxts.ncom_packets.BLOCK", 100)
+        monkeypatch.setattr("wheelprint.ingest.oxts.ncom_packets.BLOCK", 2)
         small_account = Account()
         batches = list(Ncom(log).batches(small_account))
         assert len(batches) > 20
@@ -283,6 +312,29 @@ class TestFile:
         account = read_packets(path)[1]
         assert (account.accepted, account.rejected, account.truncated) == (10, 1, False)
         assert "the gzip stream is damaged here" in account.rejections[0][1]
+
+    @pytest.mark.parametrize("pack", [bytes, gzip.compress])
+    def test_a_file_that_shrinks_while_it_is_read_is_an_error(self, log: Path, pack: Callable[[bytes], bytes]) -> None:
+        content = b"".join(clock(10 * number) for number in range(1000))
+        log.write_bytes(pack(content))
+        scan = scan_packets(log, Account())
+        log.write_bytes(pack(content[: 72 * 600 + 10]))
+        delivered: list[int] = []
+        with pytest.raises(InputError) as caught:
+            delivered.extend(len(packets) for _, packets in scan.batches(Account()))
+        assert sum(delivered) == 600
+        assert str(caught.value) == (
+            f"{log}: byte 43200: ended before its packet 601 of 1000 when it was read again, so something wrote to it "
+            "meanwhile; convert it when it is complete"
+        )
+
+    def test_a_file_is_read_twice_and_tells_how_far(self, log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        log.write_bytes(clock(10) * 100)
+        monkeypatch.setattr("wheelprint.ingest.oxts.ncom_packets.BATCH", 40)
+        account = Account()
+        scan = scan_packets(log, account)
+        read = [account.bytes_read] + [account.bytes_read for _ in scan.batches(account)]
+        assert read == [0, 40 * 72, 80 * 72, 100 * 72]
 
     def test_what_holds_no_packet_is_an_error(self, log: Path) -> None:
         log.write_bytes(b"(1.0) can0 123#00\n" * 10)
