@@ -62,7 +62,7 @@ class Ncom:
                 byte; a packet that the file ends within makes it truncated, and is counted as nothing else.
 
         Raises:
-            InputError: The file is missing, unreadable, empty, or holds no packet.
+            InputError: The file is missing, unreadable, empty, or holds no packet, or it shrinks while it is read.
         """
         for _, packets in scan_packets(self.path, account).batches(account):
             account.accepted += len(packets)

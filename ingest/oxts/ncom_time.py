@@ -142,6 +142,7 @@ def _start(
         carriers, minute, place = carriers[usable], minute[usable], place[usable]
     start = minute * MINUTE - (count[place] - within[place])
     if len(start) and (start == start[0]).all():
+        # As a rule all of them agree, and a log may hold one in every few packets.
         return start[:1], located
     alone = np.zeros(len(start), bool)
     alone[1:-1] = (start[1:-1] != start[:-2]) & (start[:-2] == start[2:])
