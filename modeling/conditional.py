@@ -6,28 +6,32 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
 from .densities import BLOCK
 from .estimator import FloatArray
-from .wide_rows import Components, buffers_of, evaluate, log_sums
+from .panels import PANEL_BYTES, TOGETHER, Panels, multiply
+from .wide_rows import Buffers, Components, buffers_of, evaluate, log_sums
 
 
 class Conditional(NamedTuple):
     """A mixture regression of q outputs on d inputs, computed once for all predictions, in the units of the data.
 
     Attributes:
-        inputs: Components of the inputs, log p_k g_k(x), or log g_k(x) where `faithful`.
+        order: In which the inputs are taken, so that a few of them tell most components to be too far (d,).
+        inputs: Components of the inputs in that order, log p_k g_k(x), or log g_k(x) where `faithful`.
         outputs: μ_y (k, q).
-        gains: W Σ_xy: the product of (W(x − μ_x))ᵀ with it is the conditional mean less μ_y (k, d, q).
+        gains: Σ_yx Wᵀ, whose product with W(x − μ_x) is the conditional mean less μ_y (k, q, d).
         variances: Diagonals of the conditional covariances (k, q).
         deviations: Their roots (k, q).
         faithful: Whether the variance is that of MP eq. 22.
     """
 
+    order: npt.NDArray[np.intp]
     inputs: Components
     outputs: FloatArray
-    gains: FloatArray
+    gains: Panels
     variances: FloatArray
     deviations: FloatArray
     faithful: bool
@@ -38,8 +42,8 @@ def predict_rows(rows: FloatArray, conditional: Conditional, mean: FloatArray, s
     """Write means and standard deviations, each (n, q), in the units of the data; see `MixtureRegression`.
 
     Most rows belong to one component alone, and what is predicted is that component's. For others both are gathered
-    about the mean of the component that a row is computed for first, its most likely one as a rule: the variance
-    between components then cancels nothing, however far the outputs lie from zero.
+    about the mean of their most likely component, which leads them: the variance between components then cancels
+    nothing, however far the outputs lie from zero.
 
     Args:
         rows: Inputs (n, d), in the units of the data.
@@ -47,55 +51,93 @@ def predict_rows(rows: FloatArray, conditional: Conditional, mean: FloatArray, s
         mean: Written (n, q), in the units of the data.
         sd: Written (n, q), in the units of the data.
     """
-    n, q = len(rows), conditional.outputs.shape[1]
-    size, cutoff = min(n, BLOCK), conditional.inputs.cutoff
+    (n, d), (k, q) = rows.shape, conditional.outputs.shape
+    size = min(n, BLOCK)
+    inputs, about, mixed = np.empty((size, d)), np.empty((size, q)), np.empty(size, np.bool_)
     buffers = buffers_of(conditional.inputs, size)
-    totals, about = buffers.totals, np.empty((size, q))
-    leaders, mixed = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.bool_)
+    joint, leaders, deviations = buffers.joint, buffers.guess, conditional.deviations
     for start in range(0, n, size):
         part, means, spreads = rows[start : start + size], mean[start : start + size], sd[start : start + size]
-        pieces = evaluate(part, conditional.inputs, False, buffers)
-        log_sums(buffers.joint, len(part), totals)
-        leaders[:], mixed[:] = -1, False
-        for piece in range(pieces):
-            c, begin, stop = buffers.components[piece], buffers.begins[piece], buffers.begins[piece + 1]
-            own, y, m = buffers.rows[begin:stop], buffers.whitened[begin:stop], 0
-            for place in range(len(own)):
-                row = own[place]
-                if leaders[row] < 0 or buffers.joint[c, row] > totals[row] - cutoff:
-                    if m < place:
-                        own[m], y[m] = row, y[place]
-                    m += 1
-            offsets = np.dot(y[:m], conditional.gains[c])
-            for place in range(m):
-                row = own[place]
-                into, spread, origin = means[row], spreads[row], about[row]
-                if leaders[row] < 0:
-                    leaders[row] = c
-                    for j in range(q):
-                        into[j] = conditional.outputs[c, j] + offsets[place, j]
-                    continue
-                if not mixed[row]:
-                    mixed[row] = True
-                    origin[:], into[:] = into, 0.0
-                    first = leaders[row]
-                    beta = math.exp(buffers.joint[first, row] - totals[row])
-                    spread[:] = (beta * beta if conditional.faithful else beta) * conditional.variances[first]
-                beta = math.exp(buffers.joint[c, row] - totals[row])
-                share = beta * beta if conditional.faithful else beta
-                for j in range(q):
-                    offset = conditional.outputs[c, j] + offsets[place, j] - origin[j]
-                    into[j] += beta * offset
-                    spread[j] += share * conditional.variances[c, j]
-                    if not conditional.faithful:
-                        spread[j] += beta * offset * offset
         for row in range(len(part)):
-            into, spread, origin = means[row], spreads[row], about[row]
+            for i in range(d):
+                inputs[row, i] = part[row, conditional.order[i]]
+        pieces = evaluate(inputs[: len(part)], conditional.inputs, False, buffers)
+        log_sums(joint, len(part), buffers.totals)
+        for row in range(len(part)):
+            for c in range(k):
+                if joint[c, row] > joint[leaders[row], row]:
+                    leaders[row] = c
+        mixed[:] = False
+        for leading in (True, False):
+            for piece in range(pieces):
+                _add_piece(piece, leading, conditional, buffers, about, mixed, means, spreads)
+        for row in range(len(part)):
             if not mixed[row]:
-                spread[:] = conditional.deviations[leaders[row]]
+                for j in range(q):
+                    spreads[row, j] = deviations[leaders[row], j]
                 continue
             for j in range(q):
-                if not conditional.faithful:
-                    spread[j] -= into[j] * into[j]
-                spread[j] = math.sqrt(spread[j])
-                into[j] += origin[j]
+                shift = means[row, j] - about[row, j]
+                between = 0.0 if conditional.faithful else shift * shift
+                spreads[row, j] = math.sqrt(spreads[row, j] - between)
+
+
+@njit(cache=True, nogil=True)
+def _add_piece(
+    piece: int,
+    leading: bool,
+    conditional: Conditional,
+    buffers: Buffers,
+    about: FloatArray,
+    mixed: npt.NDArray[np.bool_],
+    mean: FloatArray,
+    variance: FloatArray,
+) -> None:
+    """Add what a component has to those of a piece's rows that it leads, or to the others, about their leader's mean.
+
+    Args:
+        piece: Which one.
+        leading: Whether to those that it leads, which come first.
+        conditional: The regression.
+        buffers: What is known of the rows; `guess` holds their leaders.
+        about: Leaders' means (n, q), written where others are added.
+        mixed: Whether others were (n,).
+        mean: The mean (n, q).
+        variance: Variances about `about` (n, q), written where others are added.
+    """
+    c, begin, stop = buffers.components[piece], buffers.begins[piece], buffers.begins[piece + 1]
+    joint, totals, leaders, rows, y = buffers.joint, buffers.totals, buffers.guess, buffers.rows, buffers.whitened
+    outputs, variances, faithful = conditional.outputs, conditional.variances, conditional.faithful
+    values, begins, reaches = conditional.gains
+    lanes, q, cutoff = PANEL_BYTES // values.itemsize, outputs.shape[1], conditional.inputs.cutoff
+    chosen, m = np.empty(stop - begin + 1, np.uint32), 0
+    for place in range(begin, stop):
+        row = rows[place]
+        chosen[m] = place
+        m += (leading == (leaders[row] == c)) & (joint[c, row] > totals[row] - cutoff)
+    tile, offsets = np.empty((TOGETHER, y.shape[1]), y.dtype), np.empty((TOGETHER, len(reaches) * lanes), y.dtype)
+    for first in range(0, m, TOGETHER):
+        for place in range(TOGETHER):
+            at = chosen[min(first + place, m - 1)]
+            for i in range(y.shape[1]):
+                tile[place, i] = y[at, i]
+        for p in range(len(reaches)):
+            multiply(values, c, begins[p], reaches[p], tile, 0, offsets, 0, p * lanes, None)
+        for place in range(min(TOGETHER, m - first)):
+            row = rows[chosen[first + place]]
+            if leading:
+                for j in range(q):
+                    mean[row, j] = outputs[c, j] + offsets[place, j]
+                continue
+            if not mixed[row]:
+                mixed[row], leader = True, leaders[row]
+                beta = math.exp(joint[leader, row] - totals[row])
+                share = beta * beta if faithful else beta
+                for j in range(q):
+                    about[row, j], variance[row, j] = mean[row, j], share * variances[leader, j]
+            beta = math.exp(joint[c, row] - totals[row])
+            share, between = (beta * beta, 0.0) if faithful else (beta, beta)
+            for j in range(q):
+                offset = outputs[c, j] + offsets[place, j] - about[row, j]
+                mean[row, j] += beta * offset
+                variance[row, j] += share * variances[c, j] + between * offset * offset

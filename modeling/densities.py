@@ -35,6 +35,14 @@ NOTHING = 40.0
 """Nats below the most likely component from which on a component changes no sum of doubles."""
 
 
+def negligible(precision: npt.DTypeLike) -> float:
+    """Return the nats below a row's likelihood from which on what a component adds vanishes in the rounding of sums.
+
+    The responsibility exp(−nats) is about u = 2⁻⁵³ ≈ 1e-16 in double and 2⁻²⁴ ≈ 6e-8 in single precision.
+    """
+    return 16.0 if np.dtype(precision) == np.float32 else 37.0
+
+
 @dataclass(frozen=True, slots=True)
 class Parameters:
     """Weights (k,), means μ (k, d), covariances Σ = F Fᵀ (k, d, d), lower factors F, and W = F⁻¹ (k, d, d).
@@ -49,14 +57,6 @@ class Parameters:
     factors: FloatArray
     inverses: FloatArray
     precision: np.dtype[Any]
-
-    @property
-    def cutoff(self) -> float:
-        """Nats below a row's likelihood from which on what a component adds vanishes in the rounding of the sums.
-
-        The responsibility exp(−cutoff) is about u = 2⁻⁵³ ≈ 1e-16 in double and 2⁻²⁴ ≈ 6e-8 in single precision.
-        """
-        return 16.0 if self.precision == np.float32 else 37.0
 
     def of_leading(self, m: int) -> Parameters:
         """Return those of the first m columns: factors of leading columns are the leading parts of the factors."""
@@ -141,21 +141,26 @@ def log_constants(weights: FloatArray, inverses: FloatArray) -> FloatArray:
     return constants
 
 
-def bound_of(parameters: Parameters) -> Bound:
-    """Return what bounds the log densities: a few columns, evenly spread, or none where rows are short.
+def evenly_spread(d: int) -> npt.NDArray[np.intp]:
+    """Return which of d columns log densities are bounded by, (m,): few, evenly spread; none where rows are short."""
+    return np.linspace(0, d - 1, LEADING if d >= FEWEST_TO_BOUND else 0).astype(np.intp)
 
-    Over some columns m alone |W_m (x − μ)_m|², with W_m = F_m⁻¹ of their covariance, is at most that over all columns.
+
+def bound_of(parameters: Parameters, columns: npt.NDArray[np.integer[Any]]) -> Bound:
+    """Return what bounds the log densities by some of the columns (m,), or none where there is nothing to choose.
+
+    Over columns m alone |W_m (x − μ)_m|², with W_m = F_m⁻¹ of their covariance, is at most that over all columns.
     """
     from .wide_rows import Bound
 
-    k, d = parameters.means.shape
-    m = LEADING if d >= FEWEST_TO_BOUND and k > 1 else 0
-    columns = np.linspace(0, d - 1, m).astype(np.uint32)
-    centre = (parameters.weights @ parameters.means)[columns]
-    inverses = np.linalg.inv(np.linalg.cholesky(parameters.covariances[:, columns[:, None], columns]))
-    offsets = np.einsum("kij,kj->ki", inverses, parameters.means[:, columns] - centre)
+    k = len(parameters.weights)
+    m = len(columns) if k > 1 else 0
+    chosen = columns[:m].astype(np.uint32)
+    centre = (parameters.weights @ parameters.means)[chosen]
+    inverses = np.linalg.inv(np.linalg.cholesky(parameters.covariances[:, chosen[:, None], chosen]))
+    offsets = np.einsum("kij,kj->ki", inverses, parameters.means[:, chosen] - centre)
     return Bound(
-        columns,
+        chosen,
         centre,
         inverses.reshape(k * m, m).astype(parameters.precision),
         offsets.ravel().astype(parameters.precision),
@@ -178,9 +183,10 @@ def log_joint(rows: npt.NDArray[np.floating[Any]], parameters: Parameters, cutof
             y = (rows - mean) @ inverse.T
             joint[:, component] = constants[component] - 0.5 * np.einsum("ij,ij->i", y, y)
     else:
+        from .panels import packed
         from .wide_rows import Components, wide_log_joint
 
-        bound = bound_of(parameters)
-        components = Components(parameters.means, parameters.inverses, constants, bound, cutoff)
+        inverses, bound = packed(parameters.inverses), bound_of(parameters, evenly_spread(rows.shape[1]))
+        components = Components(parameters.means, inverses, constants, bound, cutoff)
         wide_log_joint(plain(rows), components, joint)
     return joint

@@ -17,8 +17,10 @@ from .densities import (
     Parameters,
     bound_of,
     chunks,
+    evenly_spread,
     factorise,
     log_constants,
+    negligible,
     plain,
     rounding_noise,
 )
@@ -295,15 +297,16 @@ def _narrow_work(sample: Sample, parameters: Parameters) -> Work:
 
 def _wide_work(sample: Sample, parameters: Parameters, distances: Distances | None) -> Work:
     """Return what sums up parts of rows of many columns."""
+    from .panels import packed
     from .wide_rows import Components, add_collected, buffers_of, moments_into, wide_pass
 
     k, d = parameters.means.shape
     components = Components(
         parameters.means,
-        parameters.inverses.astype(parameters.precision),
+        packed(parameters.inverses, parameters.precision),
         log_constants(parameters.weights, parameters.inverses),
-        bound_of(parameters),
-        parameters.cutoff,
+        bound_of(parameters, evenly_spread(d)),
+        negligible(parameters.precision),
     )
     distances = distances or Distances.unknown(0, parameters)
     changes = distances.move(parameters)

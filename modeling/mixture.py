@@ -297,10 +297,10 @@ class GaussianMixture(Estimator):
         self._require_fit("means_")
         return self._parameters.inverses
 
-    def bound(self, precision: npt.DTypeLike = np.float64) -> Bound:
-        """Return what bounds the log densities of components cheaply, see `densities.bound_of`."""
+    def bound(self, columns: npt.NDArray[np.integer[Any]], precision: npt.DTypeLike = np.float64) -> Bound:
+        """Return what bounds the log densities of components by some columns (m,), see `densities.bound_of`."""
         self._require_fit("means_")
-        return bound_of(replace(self._parameters, precision=np.dtype(precision)))
+        return bound_of(replace(self._parameters, precision=np.dtype(precision)), columns)
 
     def sample(
         self, n_samples: int = 1, random_state: int | np.random.Generator | None = 0

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, overload
 import numpy as np
 import numpy.typing as npt
 
-from .densities import CHUNK_VALUES, NOTHING, chunks, log_constants, log_sum, plain
+from .densities import CHUNK_VALUES, NOTHING, chunks, log_constants, log_sum, negligible, plain
 from .estimator import Estimator, FloatArray, Rows, as_array
-from .input_order import telling_first
+from .input_order import spread, telling_first
 from .mixture import GaussianMixture, Precision
 from .one_thread import one_blas_thread
 from .starts import StartKind
@@ -19,8 +19,8 @@ from .starts import StartKind
 if TYPE_CHECKING:
     from .conditional import Conditional
 
-SINGLE_NOTHING = 16.0
-"""Nats below the most likely component from which on a component changes no prediction in single precision."""
+FIRST = 8
+"""Inputs by which the components are chosen that a prediction begins with."""
 
 Indices = Sequence[int] | npt.NDArray[np.integer[Any]]
 
@@ -387,29 +387,32 @@ class MixtureRegression(Estimator):
         self._input_mixture = joint.marginal(range(n_inputs))
         self._single_output = single_output
         self._conditional_variances = np.diagonal(self.conditional_covariances_, axis1=1, axis2=2).copy()
-        self._gains = gains
         self._prepared: dict[np.dtype[Any], Conditional] = {}
         self._predict_row = None
 
     def _conditional(self, precision: npt.DTypeLike) -> Conditional:
         """Return what predictions in a precision need, computed once."""
         from .conditional import Conditional
+        from .panels import packed
         from .wide_rows import Components
 
-        kind = np.dtype(precision)
+        kind, n = np.dtype(precision), self.n_features_in_
         if kind not in self._prepared:
-            inputs, (weights, means) = self._input_mixture, (self.mixture_.weights_, self.mixture_.means_)
+            order = spread(n)
+            ordered = self.mixture_.marginal([*order, *range(n, n + self.n_outputs_)])
+            inputs, weights = ordered.marginal(range(n)), ordered.weights_
             constants = log_constants(weights, inputs.inverses)
             self._prepared[kind] = Conditional(
+                order,
                 Components(
                     plain(inputs.means_),
-                    inputs.inverses.astype(kind),
+                    packed(inputs.inverses, kind),
                     constants - np.log(weights) if self.faithful else constants,
-                    inputs.bound(kind),
-                    SINGLE_NOTHING if kind == np.float32 else NOTHING,
+                    inputs.bound(np.arange(FIRST if n >= 2 * FIRST else 0), kind),
+                    negligible(kind),
                 ),
-                plain(means[:, self.n_features_in_ :]),
-                self._gains.transpose(0, 2, 1).astype(kind, order="C"),
+                plain(ordered.means_[:, n:]),
+                packed(ordered.factors[:, n:, :n], kind),
                 self._conditional_variances,
                 np.sqrt(self._conditional_variances),
                 self.faithful,

@@ -10,7 +10,7 @@ too far.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -18,9 +18,9 @@ from numba import njit
 
 from .densities import BLOCK
 from .estimator import FloatArray
-from .triangular import multiply_triangular, square
+from .outer_products import outer_products
+from .panels import PANEL_BYTES, TOGETHER, Floats, Panels, multiply, width
 
-Floats = npt.NDArray[np.floating[Any]]
 Indices = npt.NDArray[np.uint32]
 """Unsigned, so that compiled code need not ask of each whether it counts from the end."""
 
@@ -31,9 +31,6 @@ FEW = 128
 
 COLLECTED = 256
 """Rows of a component whose moments are computed at a time: they stay in a near cache."""
-
-SUMS = {"reassoc", "nsz", "contract"}
-"""What may be assumed of floating point: sums in any order, so that vector units can form them."""
 
 
 class Bound(NamedTuple):
@@ -61,14 +58,14 @@ class Components(NamedTuple):
 
     Attributes:
         means: μ (k, d).
-        inverses: W, lower triangular (k, d, d), in inverse units; their type is that of the products.
+        inverses: W, lower triangular (k, d, d), in inverse units.
         constants: Log density of each component at its mean, log weight included, nats (k,).
         bound: See there.
         cutoff: Nats below a row's most likely component from which on others are left out.
     """
 
     means: FloatArray
-    inverses: Floats
+    inverses: Panels
     constants: FloatArray
     bound: Bound
     cutoff: float
@@ -85,7 +82,7 @@ class Buffers(NamedTuple):
         components: Component of each piece (2·k,).
         begins: Where the rows of each piece begin in the next, and of the last one end (2·k+1,).
         rows: Rows of all pieces (k·n+1,).
-        whitened: W(x − μ) of the same (k·n, d), without a unit.
+        whitened: W(x − μ) of the same, without a unit (k·n + TOGETHER, ≥ d); columns from d on are zero.
     """
 
     joint: FloatArray
@@ -123,7 +120,7 @@ class Moments(NamedTuple):
 @njit(cache=True, nogil=True)
 def buffers_of(components: Components, n: int) -> Buffers:
     """Return buffers for blocks of n rows; see `Buffers`."""
-    k, d = components.means.shape
+    k = len(components.means)
     return Buffers(
         np.empty((k, n)),
         np.empty((k, n)),
@@ -132,22 +129,22 @@ def buffers_of(components: Components, n: int) -> Buffers:
         np.empty(2 * k, dtype=np.uint32),
         np.zeros(2 * k + 1, dtype=np.int64),
         np.empty(k * n + 1, dtype=np.uint32),
-        np.empty((k * n, d), dtype=components.inverses.dtype),
+        np.empty((k * n + TOGETHER, width(components.inverses)), dtype=components.inverses.values.dtype),
     )
 
 
 @njit(cache=True, nogil=True)
-def moments_into(counts: FloatArray, first: FloatArray, second: FloatArray, inverses: Floats) -> Moments:
+def moments_into(counts: FloatArray, first: FloatArray, second: FloatArray, inverses: Panels) -> Moments:
     """Return moments with nothing collected yet.
 
     Args:
         counts: See `Moments`.
         first: See there.
         second: See there.
-        inverses: W (k, d, d), in inverse units; their type is that of the products.
+        inverses: W (k, d, d), in inverse units.
     """
     k, d = first.shape
-    rows = np.empty((k, COLLECTED, d), dtype=inverses.dtype)
+    rows = np.empty((k, COLLECTED, d), dtype=inverses.values.dtype)
     return Moments(counts, first, second, rows, np.empty_like(rows[:, :, 0]), np.zeros(k, dtype=np.int64))
 
 
@@ -224,7 +221,7 @@ def evaluate(rows: FloatArray, components: Components, known: bool, buffers: Buf
         buffers: Filled.
     """
     n = len(rows)
-    joint, bounds, guess, _, pieces_of, begins, chosen, whitened = buffers
+    joint, bounds, guess, _, pieces_of, begins, chosen, _ = buffers
     if not known:
         if len(components.bound.columns):
             _bound(rows, components.bound, components.constants, buffers)
@@ -240,15 +237,11 @@ def evaluate(rows: FloatArray, components: Components, known: bool, buffers: Buf
             stop = begin
             for row in range(n):
                 chosen[stop] = row
-                stop += (guess[row] == c) == (turn == 0) and bounds[c, row] >= floor[row]
+                stop += ((guess[row] == c) == (turn == 0)) & (bounds[c, row] >= floor[row])
             if known and turn == 1 and len(components.bound.columns) and stop > begin:
                 stop = begin + _still_near(rows, chosen[begin:stop], c, components, floor, bounds[c])
             if stop > begin:
-                own, y = chosen[begin:stop], whitened[begin:stop]
-                _whiten(rows, own, components.means[c], components.inverses[c], y)
-                _log_densities(y, own, components.constants[c], joint[c])
-                for row in own:
-                    bounds[c, row] = joint[c, row]
+                stop = _compute(rows, c, components, begin, stop, floor, buffers)
                 pieces_of[pieces], begins[pieces + 1] = c, stop
                 pieces += 1
         for row in range(n):
@@ -314,24 +307,45 @@ def _add_squares(whitened: Floats, offsets: Floats, squares: Floats) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _whiten(rows: FloatArray, own: Indices, mean: FloatArray, inverse: Floats, y: Floats) -> None:
-    """Write W(x − μ) of some rows into y (m, d)."""
-    for place in range(len(own)):
-        x, into = rows[own[place]], y[place]
-        for i in range(len(mean)):
-            into[i] = x[i] - mean[i]
-    multiply_triangular(inverse, y)
+def _compute(
+    rows: FloatArray, c: int, components: Components, begin: int, stop: int, floor: FloatArray, buffers: Buffers
+) -> int:
+    """Write y = W(x − μ) of the chosen rows of a piece, the component's log densities, and what they are at most.
 
-
-@njit(cache=True, nogil=True, fastmath=SUMS)
-def _log_densities(y: Floats, own: Indices, constant: float, joint: FloatArray) -> None:
-    """Write the log densities of some rows (n,), which y (m, d) is of."""
-    half = y.dtype.type(0.5)
-    for place in range(len(own)):
-        of_row, square = y[place], y.dtype.type(0.0)
-        for i in range(len(of_row)):
-            square += of_row[i] * of_row[i]
-        joint[own[place]] = constant - half * square
+    A log density only falls while y is computed: once all of a few rows are below the floor, the rest is left out. Rows
+    below it leave the piece, whose new end is returned.
+    """
+    joint, bounds, chosen, y = buffers.joint, buffers.bounds, buffers.rows, buffers.whitened
+    means, constant, (values, begins, reaches) = components.means, components.constants[c], components.inverses
+    panels, lanes = len(reaches), PANEL_BYTES // values.itemsize
+    centred, (squares, most) = np.empty((TOGETHER, means.shape[1]), y.dtype), np.empty((2, TOGETHER), y.dtype)
+    kept = begin
+    # No part of an array is taken in these loops: counting who uses it costs as much as the arithmetic.
+    for first in range(begin, stop, TOGETHER):
+        together, into = min(TOGETHER, stop - first), kept
+        for place in range(TOGETHER):
+            row = chosen[first + min(place, together - 1)]
+            squares[place], most[place] = 0.0, 2.0 * (constant - floor[row])
+            for i in range(means.shape[1]):
+                centred[place, i] = rows[row, i] - means[c, i]
+        panel, near = 0, 0
+        while panel < panels and near < together:
+            multiply(values, c, begins[panel], reaches[panel], centred, 0, y, into, panel * lanes, squares)
+            panel += 1
+            near = 0
+            while near < together and squares[near] > most[near]:
+                near += 1
+        for place in range(together):
+            row = chosen[first + place]
+            bounds[c, row] = constant - 0.5 * squares[place]
+            if panel == panels and squares[place] <= most[place]:
+                joint[c, row] = bounds[c, row]
+                chosen[kept] = row
+                if kept < into + place:
+                    for i in range(y.shape[1]):
+                        y[kept, i] = y[into + place, i]
+                kept += 1
+    return kept
 
 
 @njit(cache=True, nogil=True)
@@ -377,7 +391,7 @@ def _collect(y: Floats, r: float, c: int, moments: Moments) -> None:
     """Add a row of a component, whitened (d,), of responsibility r."""
     place = moments.collected[c]
     into, root = moments.rows[c, place], y.dtype.type(math.sqrt(r))
-    for i in range(len(y)):
+    for i in range(len(into)):
         into[i] = root * y[i]
     moments.roots[c, place] = root
     moments.counts[c] += r
@@ -394,7 +408,7 @@ def add_collected(c: int, moments: Moments) -> None:
         return
     y, second = moments.rows[c, :m], moments.second[c]
     product = np.empty((y.shape[1], y.shape[1]), dtype=y.dtype)
-    square(y, product)
+    outer_products(y, product)
     for i in range(len(product)):
         of_row, into = product[i], second[i]
         for j in range(i + 1):

@@ -97,10 +97,10 @@ def is_overload(function: ast.FunctionDef) -> bool:
 
 
 def takes(function: ast.FunctionDef) -> dict[str, str]:
-    """Return the annotations of the arguments by name."""
+    """Return the annotations of the arguments by name; those with an underscore are given by a decorator."""
     given = function.args
     every = [*given.posonlyargs, *given.args, *given.kwonlyargs, *filter(None, (given.vararg, given.kwarg))]
-    return {one.arg: ast.unparse(one.annotation) for one in every if one.annotation is not None}
+    return {one.arg: ast.unparse(one.annotation) for one in every if one.annotation and one.arg[0] != "_"}
 
 
 def raises(function: ast.FunctionDef) -> list[str]:
