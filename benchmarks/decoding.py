@@ -37,11 +37,12 @@ def wheelprint_log(folder: str, name: str, warm: str) -> Work:
     from wheelprint.ingest.can.blf import Blf
     from wheelprint.ingest.can.candump import Candump
     from wheelprint.ingest.can.database import load_database
-    from wheelprint.ingest.memory import keep_memory, leave_out_asammdf, leave_out_pandas
+    from wheelprint.ingest.memory import keep_memory, leave_out_asammdf, leave_out_pandas, leave_out_scipy
     from wheelprint.ingest.signal_files import decode_log
 
     leave_out_asammdf()
     leave_out_pandas()
+    leave_out_scipy()
     database = load_database([str(Path(folder) / "bus.dbc")], Path())
     keep_memory()
 
@@ -135,12 +136,13 @@ def writing(folder: str) -> Work:
 def wheelprint_ncom(folder: str, warm: str) -> Work:
     """Convert NCOM as `wheelprint convert` does."""
     from wheelprint.ingest.account import Account
-    from wheelprint.ingest.memory import keep_memory, leave_out_pandas
+    from wheelprint.ingest.memory import keep_memory, leave_out_pandas, leave_out_scipy
     from wheelprint.ingest.navigation import navigation_writer
     from wheelprint.ingest.oxts.ncom import Ncom
     from wheelprint.schemas.store import publish
 
     leave_out_pandas()
+    leave_out_scipy()
     keep_memory()
 
     def convert(where: str) -> Result:

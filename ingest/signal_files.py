@@ -76,7 +76,10 @@ def decode_log(reader: FrameReader, account: Account, database: Database, folder
     with ExitStack() as drafts, ThreadPoolExecutor(1) as thread:
 
         def write(lot: list[FrameBatch]) -> None:
-            known, unknown = split_by_message(FrameBatch.join(lot), database)
+            frames_of_all = FrameBatch.join(lot)
+            lot.clear()
+            known, unknown = split_by_message(frames_of_all, database)
+            del frames_of_all  # These and those of the lot would else be kept while the next lot is read.
             for (identifier, extended), count in unknown.items():
                 decoded.unknown[f"0x{identifier:08X}x" if extended else f"0x{identifier:03X}"] += count
             for layout, frames in known:

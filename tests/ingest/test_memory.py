@@ -62,3 +62,30 @@ table = pa.Table.from_pandas(pd.DataFrame({"a": [1]}))
 print(json.dumps([pa.array(pd.Series([1, 2])).to_pylist() == [1, 2], table.num_rows == 1]))
 """
     assert said_by(program) == [True, True]
+
+
+def test_numba_looks_for_scipy_only_where_matrices_are_multiplied() -> None:
+    program = """
+import json, sys
+import numpy as np
+from numba import njit
+from wheelprint.ingest.memory import leave_out_scipy
+leave_out_scipy()
+total = njit(lambda x: x.sum())(np.ones(3))
+here = "scipy.linalg" in sys.modules
+product = njit(lambda x: np.dot(x, x))(np.eye(2))
+print(json.dumps([total == 3.0, here, bool((product == np.eye(2)).all()), "scipy.linalg" in sys.modules]))
+"""
+    assert said_by(program) == [True, False, True, True]
+
+
+def test_scipy_stays_where_it_is() -> None:
+    program = """
+import json
+import scipy.linalg
+from wheelprint.ingest.memory import leave_out_scipy
+leave_out_scipy()
+import scipy.linalg as again
+print(json.dumps([again is scipy.linalg]))
+"""
+    assert said_by(program) == [True]
