@@ -21,7 +21,7 @@ from .can.frames import ERROR, REMOTE, FrameBatch
 from .readers import FrameReader
 from .stamps import Stamps
 
-LOT_BYTES = 15 << 20
+LOT_BYTES = 12 << 20
 """Of frames that are decoded together: what is written at once compresses better and faster."""
 OTHER_BYTES = 17
 """Of a frame, beside its payload."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from .frames import FrameBatch
 
-BATCH = 5 << 17
+BATCH = 1 << 19
 """Frames of a batch, at most."""
 
 

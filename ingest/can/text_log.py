@@ -15,7 +15,7 @@ from ..content import blocks
 from ..text import LONGEST_LINE, quote
 from .frames import FrameBatch
 
-BATCH = 5 << 17
+BATCH = 1 << 19
 """Frames of a batch, at most."""
 BLOCK = 1 << 18
 """Bytes of text looked at at once."""
