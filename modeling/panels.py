@@ -111,7 +111,7 @@ def multiply(
         vector, int32 = ir.VectorType(number, lanes), ir.IntType(32)
         none = ir.Constant(vector, ir.Undefined)
         type_of = ir.FunctionType(vector, [vector] * 3)
-        multiply_add = cgutils.get_or_insert_function(builder.module, type_of, f"llvm.fma.v{lanes}f{8 * size}")
+        multiply_add = cgutils.get_or_insert_function(builder.module, type_of, f"llvm.fmuladd.v{lanes}f{8 * size}")
 
         def as_vector(place: Any) -> Any:
             return builder.bitcast(place, vector.as_pointer())
