@@ -165,7 +165,7 @@ def _decoding(part: Result, files: dict[str, str]) -> list[str]:
         f"\nAimed at: {PACKETS:g} million packets of NCOM per CPU second, and less than {PEAK_MB} MB for a CAN log of "
         "any length. The slow tools get samples of the log; that a frame costs them the same in two sizes is in the "
         "table of ratios. Peak memory is the whole process's, Python and its libraries included (Wheelprint's imports "
-        "and what it has compiled take about 260 MB, and right after an installation some 40 MB more, since the system "
+        "and what it has compiled take about 210 MB, and right after an installation some 70 MB more, since the system "
         "then has their files in memory and counts what lies around a used page). The first conversion after an "
         "installation compiles: "
         f"{part['first_conversion_cpu_s']:.0f} CPU s, once; what is compiled is kept beside the code.\n"
