@@ -58,7 +58,7 @@ def leave_out_pandas() -> None:
 def leave_out_scipy() -> None:
     """Import numba without `scipy.linalg`, which it else imports with its first compiled code to see if it is there.
 
-    That is 20 MB and a fifth of a second, and not used by what reads logs. Nothing is lost: where matrices are
+    That is 15 MB and a fifth of a second, and not used by what reads logs. Nothing is lost: where matrices are
     multiplied numba looks again. Nothing happens where it is there already.
     """
     if "scipy.linalg" not in sys.modules:

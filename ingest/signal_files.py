@@ -22,7 +22,8 @@ from .readers import FrameReader
 from .stamps import Stamps
 
 LOT_BYTES = 12 << 20
-"""Of frames that are decoded together: what is written at once compresses better and faster."""
+"""Of frames that are decoded together: what is written at once compresses better and faster.
+A full batch of classic frames is a little more, so it is a lot by itself: two of them would be copied together."""
 OTHER_BYTES = 17
 """Of a frame, beside its payload."""
 COLUMNS_BYTES = 8 << 20
