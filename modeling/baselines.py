@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,19 +93,17 @@ class Ridge:
         Z, level = (inputs - mean) / scale, outputs.mean(axis=0)
         Y = outputs - level
         gram, moments = Z.T @ Z, Z.T @ Y
-        absolute, square, tested = np.zeros(len(penalties)), np.zeros((len(penalties), Y.shape[1])), 0
+        absolute, errors = np.zeros(len(penalties)), []
         for block in np.array_split(np.arange(n), blocks):
             away = slice(max(block[0] - gap, 0), block[-1] + 1 + gap)
             solve = _solver(gram - Z[away].T @ Z[away], moments - Z[away].T @ Y[away])
             asked = block[:: max(len(block) // ENOUGH, 1)]
-            tested += len(asked)
-            for place, penalty in enumerate(penalties):
-                error = Z[asked] @ solve(penalty) - Y[asked]
-                absolute[place] += np.abs(error).sum()
-                square[place] += np.square(error).sum(axis=0)
-        best = int(absolute.argmin())
-        coefficients = _solver(gram, moments)(penalties[best]) / scale[:, None]
-        return cls(penalties[best], coefficients, level - mean @ coefficients, square[best] / tested)
+            errors.append(partial(_errors, solve, Z[asked], Y[asked]))
+            absolute += [np.abs(errors[-1](penalty)).sum() for penalty in penalties]
+        penalty = penalties[int(absolute.argmin())]
+        square = np.square(np.concatenate([of_block(penalty) for of_block in errors]))
+        coefficients = _solver(gram, moments)(penalty) / scale[:, None]
+        return cls(penalty, coefficients, level - mean @ coefficients, square.mean(axis=0))
 
     def predict(self, inputs: Floats) -> tuple[Floats, Floats]:
         """Return means ŷ = XB + intercept and variances, each (n_samples, n_outputs), of X (n_samples, n_inputs).
@@ -113,6 +112,13 @@ class Ridge:
         """
         mean: Floats = inputs @ self.coefficients + self.intercept
         return mean, np.broadcast_to(self.variances, mean.shape)
+
+
+def _errors(solve: Callable[[float], Floats], inputs: Floats, outputs: Floats, penalty: float) -> Floats:
+    """Return what a penalty leaves of outputs (n, n_outputs), from inputs (n, n_inputs)."""
+    error = inputs @ solve(penalty)
+    error -= outputs
+    return error
 
 
 def _solver(gram: Floats, moments: Floats) -> Callable[[float], Floats]:

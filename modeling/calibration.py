@@ -8,8 +8,10 @@ blocks of the *training* data that were held out in turn. Both bands are quantil
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Self
 
 import numpy as np
@@ -19,6 +21,10 @@ Floats = NDArray[np.float64]
 
 FREEDOM = np.append(np.geomspace(2.2, 100.0, 200), np.inf)
 """Degrees of freedom to choose from; with 2 the variance would be infinite, infinitely many are a Gaussian."""
+
+
+FARTHEST, NODES = 1e6, 1000
+"""Where the distribution of |Z| is tabled: densely about 0, sparsely far out; beyond, it is 1 but for 1e-12."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,13 +156,33 @@ class Forecast:
 
 def _distribution(freedom: Floats, z: Floats) -> Floats:
     """Return P(Z ≤ z) of Student's t, of the Gaussian where the degrees of freedom (n_steps,) are infinite."""
-    from scipy.special import ndtr, stdtr
+    from scipy.special import ndtr
 
-    gaussian = np.isinf(freedom)
     below = np.empty(z.shape)
-    below[:, gaussian] = ndtr(z[:, gaussian])
-    below[:, ~gaussian] = stdtr(freedom[~gaussian], z[:, ~gaussian])
+    for step, own in enumerate(freedom.tolist()):
+        values = z[:, step]
+        if math.isinf(own):
+            below[:, step] = ndtr(values)
+        else:
+            of_size = _upper_half(own)(np.minimum(np.abs(values), FARTHEST))
+            below[:, step] = np.where(values < 0, 1.0 - of_size, of_size)
     return below
+
+
+@cache
+def _upper_half(freedom: float) -> Callable[[Floats], Floats]:
+    """Return P(Z ≤ z) of Student's t as a function of z from 0 to `FARTHEST`, right to 1e-9.
+
+    It is cubic between `NODES` values, whose slopes are the density: `stdtr` takes 200 ns a value, and evaluations ask
+    for half a million of each forecast.
+    """
+    from scipy.interpolate import CubicHermiteSpline
+    from scipy.special import beta, stdtr
+
+    z = np.sinh(np.linspace(0.0, math.asinh(FARTHEST), NODES))
+    density = (1.0 + np.square(z) / freedom) ** (-(freedom + 1.0) / 2.0) / (math.sqrt(freedom) * beta(0.5, freedom / 2))
+    spline: Callable[[Floats], Floats] = CubicHermiteSpline(z, stdtr(freedom, z), density)
+    return spline
 
 
 def _quantile(freedom: Floats, probability: float) -> Floats:

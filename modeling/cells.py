@@ -34,6 +34,7 @@ from .kinematic import Kinematic
 from .learned_baselines import LearnedBaseline
 from .lookahead_models import GeneralLookahead, VelocityLookahead
 from .measures import measure
+from .mixture import GaussianMixture
 from .motion_primitives import N1, MotionPrimitives, fit_motion_primitives, windows_needed
 from .windows import Floats, Mask, Rows, Windows, cut_windows, spread_out, window_centres
 
@@ -103,10 +104,9 @@ def evaluate_motion_primitives(project: Path, driver: str, fold: int, past_steps
                     config,
                 )
                 fitted[f"{model}, {components} components"] = facts
-                for n1 in settings.path_types:
-                    primitives = finest.coarser(n1)
-                    fallbacks[f"{model}, {n1} path types, {components} components"] = primitives.fallbacks()
-                    forecast = primitives.forecast(asked.inputs, path_type[asked.centres])
+                forecasts = finest.forecasts(asked.inputs, path_type[asked.centres], settings.path_types)
+                for n1, forecast in zip(settings.path_types, forecasts, strict=True):
+                    fallbacks[f"{model}, {n1} path types, {components} components"] = finest.coarser(n1).fallbacks()
                     measured.add(model, forecast, n1, components)
     said = {"penalty": ridge.penalty, "fits": fitted, "clusters": describe_path_types(types), "fallbacks": fallbacks}
     details = {"horizons": measured.horizons, "calibration": measured.probabilities}
@@ -297,13 +297,16 @@ def evaluate_lookahead(project: Path, driver: str, fold: int, config: Config) ->
         mean, variance = Ridge.fit(inputs[training], lookahead[training, None], gap=gap).predict(inputs)
         measure("ridge", None, None, (mean[:, 0], np.sqrt(variance[:, 0])))
         fallbacks: dict[str, list[str]] = {}
+        classes: dict[int, GaussianMixture] = {}
         for components in settings.components:
             general = GeneralLookahead(components, settings.starts, seed)
             measure("general", components, None, general.fit(inputs[learnt], lookahead[learnt]).predict(inputs))
             fallbacks[f"general, {components} components"] = list(general.fallbacks)
             for regressors in settings.regressors:
                 velocity = VelocityLookahead(components, regressors, settings.starts, seed)
-                prediction = velocity.fit(inputs[learnt], lookahead[learnt]).predict(inputs)
+                if (wanted := min(components, regressors)) not in classes:
+                    classes[wanted] = velocity.fit_classes(inputs[learnt])
+                prediction = velocity.fit(inputs[learnt], lookahead[learnt], classes[wanted]).predict(inputs)
                 measure("velocity", components, regressors, prediction)
                 fallbacks[f"velocity, {components} components, {regressors} regressors"] = list(velocity.fallbacks)
     name = Path("lookahead") / encode_name(driver) / f"fold-{fold}.json"

@@ -86,12 +86,13 @@ def fit_curvature_primitives(
     whole = begin(np.arange(len(inputs)))
     blocks = blocks_of(centres, length, windows_needed(whole.joint.shape[1], components))
     parts = [begin(learnt) for learnt, _ in blocks]
-    nobody = np.full(len(inputs), EVERYTHING)
     errors = np.zeros(len(TIED))
     for part, (_, block) in zip(parts, blocks, strict=True):
+        given = part.coordinates.transform(inputs[block])
+        change = outputs[block] - part.coordinates.origin(inputs[block])
         for place, tied in enumerate(TIED):
-            predicted = part.primitives(nobody, 1, tied).predict(inputs[block], nobody[block])[0]
-            errors[place] += np.abs(predicted - outputs[block]).sum()
+            predicted = part.regression(part.tie(tied)).predict(given)
+            errors[place] += np.abs(predicted - change).sum()
     tied = TIED[errors.argmin()] if blocks else TIED[-1]
     fitted = iter(parts)
     calibrations = calibrate(
@@ -116,6 +117,7 @@ class _Latent:
         level: Mean change (n₃,).
         directions: From coordinates of the outputs to changes (n₃, n_output_coordinates).
         rest: Variance of the changes that the coordinates leave (n₃,).
+        noise: The diagonal of D of `fit_curvature_primitives`, none of the outputs (n_coordinates,).
     """
 
     coordinates: CurvatureCoordinates
@@ -124,6 +126,7 @@ class _Latent:
     level: Floats
     directions: Floats
     rest: Floats
+    noise: Floats
 
     @classmethod
     def fit(
@@ -143,32 +146,37 @@ class _Latent:
         mixture = GaussianMixture(
             components, n_starts=starts, max_iterations=100, tolerance=TOLERANCE, random_state=seed
         ).fit(joint)
-        return cls(coordinates, joint, mixture, level, directions, rest)
+        noise = INPUT_NOISE * joint.var(axis=0)
+        noise[-latent.shape[1] :] = 0.0
+        return cls(coordinates, joint, mixture, level, directions, rest, noise)
 
     def primitives(self, path_types: NDArray[Any], n1: N1, tied: float) -> MotionPrimitives:
         """Return the motion primitives; the path types (n_windows,) of the windows matter for n₁ > 1 alone."""
-        noise = INPUT_NOISE * self.joint.var(axis=0)
-        noise[-self.directions.shape[1] :] = 0.0
-        covariances = self.mixture.covariances_
-        common = np.tensordot(self.mixture.weights_, covariances, axes=1)
-        covariances = (1.0 - tied) * covariances + tied * common + np.diag(noise)
-        everything = GaussianMixture.from_parameters(self.mixture.weights_, self.mixture.means_, covariances)
+        everything = self.tie(tied)
         mixtures, samples = {EVERYTHING: everything}, {EVERYTHING: len(self.joint)}
         if n1 > 1:
-            rows = noise * len(self.joint) / len(self.mixture.weights_)
+            rows = self.noise * len(self.joint) / len(self.mixture.weights_)
             mixtures, samples = adapt_to_path_types(everything, self.joint, path_types, n1=n1, noise=rows)
-        regressions = {name: self._regression(mixture) for name, mixture in mixtures.items()}
+        regressions = {name: self.regression(mixture) for name, mixture in mixtures.items()}
         return MotionPrimitives(n1, regressions, samples, self.coordinates)
 
-    def _regression(self, mixture: GaussianMixture) -> MixtureRegression:
+    def tie(self, tied: float) -> GaussianMixture:
+        """Return the mixture with a share τ of its common covariance and the noise, see `fit_curvature_primitives`."""
+        covariances = self.mixture.covariances_
+        common = np.tensordot(self.mixture.weights_, covariances, axes=1)
+        covariances = (1.0 - tied) * covariances + tied * common + np.diag(self.noise)
+        return GaussianMixture.from_parameters(self.mixture.weights_, self.mixture.means_, covariances)
+
+    def regression(self, mixture: GaussianMixture) -> MixtureRegression:
         """Return the regression of the change at every step on the coordinates of the inputs."""
-        steps, rank = self.directions.shape
-        n_inputs = mixture.n_features_in_ - rank
-        lift = np.zeros((n_inputs + steps, n_inputs + rank))
-        lift[:n_inputs, :n_inputs] = np.eye(n_inputs)
-        lift[n_inputs:, n_inputs:] = self.directions
-        covariances = lift @ mixture.covariances_ @ lift.T + np.diag(np.append(np.zeros(n_inputs), self.rest))
-        means = mixture.means_ @ lift.T + np.append(np.zeros(n_inputs), self.level)
+        V, (steps, rank) = self.directions, self.directions.shape
+        n = mixture.n_features_in_ - rank
+        means_in, means_out = np.split(mixture.means_, [n], axis=1)
+        own, crossed = mixture.covariances_[:, n:, n:], V @ mixture.covariances_[:, n:, :n]
+        covariances = np.empty((len(means_in), n + steps, n + steps))
+        covariances[:, :n, :n] = mixture.covariances_[:, :n, :n]
+        covariances[:, n:, :n], covariances[:, :n, n:] = crossed, crossed.transpose(0, 2, 1)
+        covariances[:, n:, n:] = V @ own @ V.T + np.diag(self.rest)
+        means = np.concatenate([means_in, means_out @ V.T + self.level], axis=1)
         lifted = GaussianMixture.from_parameters(mixture.weights_, means, covariances)
-        columns = np.arange(n_inputs + steps)
-        return MixtureRegression.from_mixture(lifted, columns[:n_inputs], columns[n_inputs:])
+        return MixtureRegression.from_mixture(lifted, range(n), range(n, n + steps))

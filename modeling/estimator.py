@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from abc import ABC, abstractmethod
+from functools import cache
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -44,6 +45,7 @@ class Estimator:
     n_features_in_: int
 
     @classmethod
+    @cache
     def _parameter_names(cls) -> list[str]:
         return list(inspect.signature(cls).parameters)
 

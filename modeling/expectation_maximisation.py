@@ -283,10 +283,11 @@ def _narrow_work(sample: Sample, parameters: Parameters) -> Work:
     from .narrow_rows import narrow_pass
 
     constants = log_constants(parameters.weights, parameters.inverses)
+    model = (plain(parameters.means), plain(parameters.inverses), constants, negligible(np.float64))
 
     def work(parts: list[slice]) -> Statistics:
         sums = Statistics.zeros(*parameters.means.shape)
-        model, into = (parameters.means, parameters.inverses, constants), (sums.counts, sums.first, sums.second)
+        into = (sums.counts, sums.first, sums.second)
         for part in parts:
             rows, weights = plain(sample.rows[part]), plain(sample.weights_of(part))
             sums.log_likelihood += narrow_pass(rows, weights, *model, *into)

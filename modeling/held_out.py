@@ -86,10 +86,10 @@ def calibrate(
     asked: list[Rows] = []
     forecasts: dict[int, list[Forecast]] = {n1: [] for n1 in levels}
     for learnt, block in blocks:
-        primitives = fit(learnt)
         asked.append(block)
-        for n1 in levels:
-            forecasts[n1].append(primitives.coarser(n1).forecast(inputs[block], path_types[block]))
+        of_levels = fit(learnt).forecasts(inputs[block], path_types[block], levels)
+        for n1, forecast in zip(levels, of_levels, strict=True):
+            forecasts[n1].append(forecast)
     truth = outputs[np.concatenate(asked)]
     return {
         n1: Calibration.fit(truth - np.concatenate([f.mean for f in own]), np.concatenate([f.sd for f in own]))

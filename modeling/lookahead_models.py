@@ -148,28 +148,26 @@ class VelocityLookahead:
     regressions: tuple[MixtureRegression, ...] = field(init=False)
     fallbacks: tuple[str, ...] = field(init=False, default=())
 
-    def fit(self, inputs: FloatArray, lookahead: FloatArray) -> VelocityLookahead:
+    def fit(
+        self, inputs: FloatArray, lookahead: FloatArray, classes: GaussianMixture | None = None
+    ) -> VelocityLookahead:
         """Fit both layers (PP eqs. 18 to 21).
 
         Args:
             inputs: [Δθ, v], deg per sample and m/s, shape (n_samples, 2).
             lookahead: m, shape (n_samples,), no missing values.
+            classes: What `fit_classes` returns for these inputs, where that is known already.
 
         Raises:
             ValueError: There are no samples, or missing values.
         """
-        speed = inputs[:, [SPEED]]
-        wanted = max(min(self.regressors, self.components, len(np.unique(speed))), 1)
-        classes = GaussianMixture(wanted, n_starts=self.starts, random_state=self.seed).fit(speed)
-        order = np.argsort(classes.means_[:, 0])
-        self.classes = GaussianMixture.from_parameters(
-            classes.weights_[order], classes.means_[order], classes.covariances_[order]
-        )
+        self.classes = self.fit_classes(inputs) if classes is None else classes
+        found = len(self.classes.weights_)
         fallbacks = []
-        if len(order) < self.regressors:
-            fallbacks.append(f"{len(order)} instead of {self.regressors} classes of speed")
-        own_class = self.classes.predict(speed)
-        samples = np.bincount(own_class, minlength=len(order))
+        if found < self.regressors:
+            fallbacks.append(f"{found} instead of {self.regressors} classes of speed")
+        own_class = self.classes.predict(inputs[:, [SPEED]])
+        samples = np.bincount(own_class, minlength=found)
         self.shares = share_out(self.components, samples)
         regressions: list[MixtureRegression] = []
         general: MixtureRegression | None = None
@@ -186,6 +184,23 @@ class VelocityLookahead:
                 fallbacks.extend(f"{reason} in {where}" for reason in model.fallbacks)
         self.regressions, self.fallbacks = tuple(regressions), tuple(fallbacks)
         return self
+
+    def fit_classes(self, inputs: FloatArray) -> GaussianMixture:
+        """Fit the first layer alone (PP eq. 18): the same for as many classes, however many components follow.
+
+        Args:
+            inputs: As for `fit`, shape (n_samples, 2).
+
+        Raises:
+            ValueError: There are no samples, or missing values.
+        """
+        speed = inputs[:, [SPEED]]
+        wanted = max(min(self.regressors, self.components, len(np.unique(speed))), 1)
+        classes = GaussianMixture(wanted, n_starts=self.starts, random_state=self.seed).fit(speed)
+        order = np.argsort(classes.means_[:, 0])
+        return GaussianMixture.from_parameters(
+            classes.weights_[order], classes.means_[order], classes.covariances_[order]
+        )
 
     def predict(self, inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Predict the lookahead distance by the regression of the most probable class of speed (PP eq. 19).

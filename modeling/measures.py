@@ -56,8 +56,7 @@ def measure(forecast: Forecast, truth: Floats, step: float) -> tuple[Row, list[R
         for horizon, place in steps
         if 0 <= place < errors.shape[1]
     ]
-    edges = np.linspace(0.0, 1.0, PROBABILITY_BINS + 1)
-    counts = np.histogram(probability, edges)[0]
+    counts, edges = np.histogram(probability, PROBABILITY_BINS, (0.0, 1.0))
     probabilities: list[Row] = [
         {"probability": round(float(edge), 6), "share": float(count / errors.size) if errors.size else None}
         for edge, count in zip(edges, counts, strict=False)

@@ -21,7 +21,7 @@ penalty; so the penalty that ridge regression of the same windows chooses by cro
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Self
 
@@ -105,14 +105,25 @@ class MotionPrimitives:
 
     def forecast(self, inputs: Floats, path_types: NDArray[Any]) -> Forecast:
         """Return the predictive distributions of every future step; arguments, formulas and errors as for `predict`."""
+        return next(self.forecasts(inputs, path_types, [self.n1]))
+
+    def forecasts(self, inputs: Floats, path_types: NDArray[Any], levels: Iterable[N1]) -> Iterator[Forecast]:
+        """Yield what `forecast` returns of the structure with each n₁ (`coarser`), the windows' coordinates found once.
+
+        Args:
+            inputs: As for `predict`.
+            path_types: As for `predict`.
+            levels: Each n₁.
+        """
         outputs = self.regressions[EVERYTHING].n_outputs_
-        mean, sd = np.empty((len(inputs), outputs)), np.empty((len(inputs), outputs))
         given = inputs if self.coordinates is None else self.coordinates.transform(inputs)
-        for regression, own in self._shared_out(path_types):
-            mean[own], sd[own] = regression.predict(given[own], return_sd=True)
-        if self.coordinates is not None:
-            mean += self.coordinates.origin(inputs)
-        return Forecast(mean, sd, self.calibrations.get(self.n1, Calibration.gaussian(outputs)))
+        origin = 0.0 if self.coordinates is None else self.coordinates.origin(inputs)
+        for primitives in map(self.coarser, levels):
+            mean, sd = np.empty((2, len(inputs), outputs))
+            for regression, own in primitives._shared_out(path_types):  # noqa: SLF001 - it is one of this class
+                mean[own], sd[own] = regression.predict(given[own], return_sd=True)
+            mean += origin
+            yield Forecast(mean, sd, self.calibrations.get(primitives.n1, Calibration.gaussian(outputs)))
 
     def predict_one(self, inputs: Floats, path_type: str) -> tuple[Floats, Floats, float]:
         """Predict one window, unchecked and at once; see `predict` for the formulas.

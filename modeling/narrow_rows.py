@@ -11,16 +11,25 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+from llvmlite import ir
+from numba import njit, types
+from numba.core import cgutils
+from numba.extending import intrinsic
 
 from .estimator import FloatArray
 
 BLOCK = 128
+"""Rows that are worked on at a time."""
+
+LANES = 16
+"""Rows whose y is computed at a time: it, its square and x − μ are twelve registers, of sixteen that AVX2 has."""
+
+TERMS = 12
+"""Highest power in the series of exp(r): the next term is below 2e-16."""
 
 LOWEST = -60.0
 """exp(−60) is nothing beside 1 in a sum of doubles; what lies below is taken as this."""
 
-LOG2_E = 1.0 / math.log(2.0)
 LN2_HIGH, LN2_LOW = 0.693147180369123816490, 1.90821492927058770002e-10
 """ln 2 in two parts; multiples of the first up to 2¹¹ are exact."""
 
@@ -32,7 +41,97 @@ SINGULAR = 16 * 2.0**-52
 
 SUMS = {"reassoc", "nsz", "contract"}
 """What may be assumed of floating point: sums in any order, so that vector units can form them. Never around
-`exponentials`: what a function calls inherits it, and would be free to leave out the rounding."""
+`exponential`, whose rounding would be free to be left out."""
+
+
+@intrinsic
+def exponential(_typing: Any, x: Any) -> tuple[Any, Any]:
+    """Return exp(x) of a float64 up to 0, right to 1e-15; one below `LOWEST` counts as that.
+
+    exp(x) = 2ⁿ exp(r) with n = round(x / ln 2) and |r| ≤ ln 2 / 2, exp(r) by its Taylor series. It has neither branches
+    nor calls, so that vector units can do it for several numbers at once.
+    """
+
+    def emit(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        number, bits = ir.DoubleType(), ir.IntType(64)
+        low = builder.fcmp_ordered("<", arguments[0], number(LOWEST))
+        x = builder.select(low, number(LOWEST), arguments[0])
+        shifted = _multiply_add(builder, x, number(1.0 / math.log(2.0)), number(ROUNDING))
+        n = builder.fsub(shifted, number(ROUNDING))
+        r = _multiply_add(builder, n, number(-LN2_HIGH), x)
+        r = _multiply_add(builder, n, number(-LN2_LOW), r)
+        series = number(1.0 / math.factorial(TERMS))
+        for term in reversed(range(TERMS)):
+            series = _multiply_add(builder, series, r, number(1.0 / math.factorial(term)))
+        # n is in the lowest bits of `shifted`, and goes to the exponent's.
+        exponent = builder.shl(builder.add(builder.bitcast(shifted, bits), bits(1023)), bits(52))
+        return builder.fmul(series, builder.bitcast(exponent, number))
+
+    return types.float64(x), emit
+
+
+@intrinsic
+def whiten(
+    _typing: Any, columns: Any, means: Any, inverses: Any, c: Any, whitened: Any, squares: Any
+) -> tuple[Any, Any]:
+    """Write y = W(x − μ) of a block of rows and a component c, and |y|²; y stays in vector registers meanwhile.
+
+    Args:
+        columns: x (d, BLOCK), in any units. All arrays are float64 without gaps; nothing is asked.
+        means: μ (k, d), in the same units.
+        inverses: W, lower triangular (k, d, d), in inverse units.
+        c: Which component.
+        whitened: y (k, d, BLOCK), without a unit; that of c is written.
+        squares: |y|² (BLOCK,), written.
+    """
+
+    def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> None:
+        x, mu, w, y, into = (
+            context.make_array(signature.args[place])(context, builder, arguments[place]) for place in (0, 1, 2, 4, 5)
+        )
+        d = cgutils.unpack_tuple(builder, x.shape)[0]
+        own = builder.mul(context.cast(builder, arguments[3], signature.args[3], types.intp), d)
+        block, lanes, one = d.type(BLOCK), d.type(LANES), d.type(1)
+        vector = ir.VectorType(ir.DoubleType(), LANES)
+        zero = ir.Constant(vector, [0.0] * LANES)
+        of_row, of_all = (cgutils.alloca_once(builder, vector) for _ in range(2))
+
+        def vector_at(array: Any, row: Any, first: Any) -> Any:
+            place = builder.add(builder.mul(row, block), first)
+            return builder.bitcast(builder.gep(array.data, [place]), vector.as_pointer())
+
+        def each(array: Any, place: Any) -> Any:
+            """Return a vector of one number of an array."""
+            number = builder.load(builder.gep(array.data, [place]))
+            none = ir.Constant(vector, ir.Undefined)
+            first = builder.insert_element(none, number, ir.IntType(32)(0))
+            return builder.shuffle_vector(first, none, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
+
+        with cgutils.for_range(builder, d.type(BLOCK // LANES)) as group:
+            first = builder.mul(group.index, lanes)
+            builder.store(zero, of_all)
+            with cgutils.for_range(builder, d) as i:
+                builder.store(zero, of_row)
+                row = builder.add(own, i.index)
+                with cgutils.for_range(builder, builder.add(i.index, one)) as j:
+                    seen = builder.load(vector_at(x, j.index, first), align=8)
+                    centred = builder.fsub(seen, each(mu, builder.add(own, j.index)))
+                    weight = each(w, builder.add(builder.mul(row, d), j.index))
+                    builder.store(_multiply_add(builder, weight, centred, builder.load(of_row)), of_row)
+                builder.store(builder.load(of_row), vector_at(y, row, first), align=8)
+                summed = _multiply_add(builder, builder.load(of_row), builder.load(of_row), builder.load(of_all))
+                builder.store(summed, of_all)
+            builder.store(builder.load(of_all), vector_at(into, d.type(0), first), align=8)
+
+    return types.void(columns, means, inverses, c, whitened, squares), emit
+
+
+def _multiply_add(builder: Any, a: Any, b: Any, c: Any) -> Any:
+    """Write the code of a b + c, in one instruction where the processor has it."""
+    lanes = f"v{a.type.count}" if isinstance(a.type, ir.VectorType) else ""
+    type_of = ir.FunctionType(a.type, [a.type] * 3)
+    function = cgutils.get_or_insert_function(builder.module, type_of, f"llvm.fmuladd.{lanes}f64")
+    return builder.call(function, [a, b, c])
 
 
 @njit(cache=True, nogil=True, fastmath=SUMS)
@@ -82,6 +181,7 @@ def narrow_pass(
     means: FloatArray,
     inverses: FloatArray,
     constants: FloatArray,
+    cutoff: float,
     counts: FloatArray,
     first: FloatArray,
     second: FloatArray,
@@ -92,11 +192,12 @@ def narrow_pass(
     `expectation_maximisation.Statistics` for the sums.
 
     Args:
-        rows: Shape (n, d), in any units.
+        rows: Shape (n, d), in any units; like ones near each other are faster.
         sample_weights: Shape (n,), or (0,) for weights of 1.
         means: Shape (k, d), in the same units.
         inverses: W, lower triangular (k, d, d), in inverse units; y = W(x − μ) has none.
         constants: Log density of each component at its mean, log weight included, nats (k,).
+        cutoff: nats; a component that lies further below the top in all rows of a block is left out there.
         counts: Sum of responsibilities (k,), added to, as the following ones.
         first: Sum of responsibility times y (k, d).
         second: Sum of responsibility times y yᵀ, the lower triangle (k, d, d).
@@ -106,7 +207,7 @@ def narrow_pass(
     columns, whitened = np.zeros((d, BLOCK)), np.empty((k, d, BLOCK))
     joint, weight = np.empty((k, BLOCK)), np.zeros(BLOCK)
     top, total = np.empty(BLOCK), np.empty(BLOCK)
-    rounded = np.empty(BLOCK)
+    near = np.empty(k, dtype=np.intp)
     log_likelihood = 0.0
     for start in range(0, n, BLOCK):
         size = min(BLOCK, n - start)
@@ -117,37 +218,40 @@ def narrow_pass(
         weight[size:] = 0.0
         top[:] = -np.inf
         for c in range(k):
-            log_density, squares = joint[c], total
-            squares[:] = 0.0
-            for i in range(d):
-                y = whitened[c, i]
-                y[:] = 0.0
-                for j in range(i + 1):
-                    factor, mean, of_column = inverses[c, i, j], means[c, j], columns[j]
-                    for row in range(BLOCK):
-                        y[row] += factor * (of_column[row] - mean)
-                for row in range(BLOCK):
-                    squares[row] += y[row] * y[row]
+            log_density = joint[c]
+            whiten(columns, means, inverses, c, whitened, log_density)
             for row in range(BLOCK):
-                log_density[row] = constants[c] - 0.5 * squares[row]
+                log_density[row] = constants[c] - 0.5 * log_density[row]
                 top[row] = max(top[row], log_density[row])
         total[:] = 0.0
         for c in range(k):
-            density = joint[c]
+            density, rows_near = joint[c], 0
             for row in range(BLOCK):
-                density[row] -= top[row]
-            exponentials(density, rounded)
-            for row in range(BLOCK):
-                total[row] += density[row]
+                rows_near += density[row] > top[row] - cutoff
+            near[c] = rows_near
+            if rows_near:
+                for row in range(BLOCK):
+                    density[row] = exponential(density[row] - top[row])
+                    total[row] += density[row]
         for row in range(size):
-            log_likelihood += weight[row] * (top[row] + math.log(total[row]))
+            log_likelihood += weight[row] * top[row]
+        for begin in range(0, size, LANES):
+            # Rows that count once share a logarithm: a sum lies between 1 and k, so that the product is a number yet.
+            product = 1.0
+            for row in range(begin, min(begin + LANES, size)):
+                if len(sample_weights):
+                    log_likelihood += weight[row] * math.log(total[row])
+                else:
+                    product *= total[row]
+            log_likelihood += math.log(product)
         for row in range(BLOCK):
             total[row] = weight[row] / total[row]
         for c in range(k):
-            r = joint[c]
-            for row in range(BLOCK):
-                r[row] *= total[row]
-            counts[c] += _add_moments(r, whitened[c], top, first[c], second[c])
+            if near[c]:
+                r = joint[c]
+                for row in range(BLOCK):
+                    r[row] *= total[row]
+                counts[c] += _add_moments(r, whitened[c], top, first[c], second[c])
     return log_likelihood
 
 
@@ -254,40 +358,3 @@ def _add_moments(
                 moment += weighted[row] * other[row]
             second[i, j] += moment
     return count
-
-
-@njit(cache=True, nogil=True)
-def exponentials(values: npt.NDArray[Any], rounded: npt.NDArray[Any]) -> None:
-    """Replace values from `LOWEST` to 0 by their exponentials, right to 1e-15.
-
-    exp(x) = 2ⁿ exp(r) with n = round(x / ln 2) and |r| ≤ ln 2 / 2, exp(r) by its Taylor series.
-
-    Args:
-        values: Pure numbers (n,); smaller ones count as `LOWEST`.
-        rounded: Pure numbers, overwritten (n,).
-    """
-    bits = rounded.view(np.int64)
-    for i in range(len(values)):
-        x = max(values[i], LOWEST)
-        shifted = x * LOG2_E + ROUNDING
-        rounded[i] = shifted
-        n = shifted - ROUNDING
-        r = (x - n * LN2_HIGH) - n * LN2_LOW
-        series = 1.0 / 6227020800.0
-        series = series * r + 1.0 / 479001600.0
-        series = series * r + 1.0 / 39916800.0
-        series = series * r + 1.0 / 3628800.0
-        series = series * r + 1.0 / 362880.0
-        series = series * r + 1.0 / 40320.0
-        series = series * r + 1.0 / 5040.0
-        series = series * r + 1.0 / 720.0
-        series = series * r + 1.0 / 120.0
-        series = series * r + 1.0 / 24.0
-        series = series * r + 1.0 / 6.0
-        series = series * r + 0.5
-        series = series * r + 1.0
-        values[i] = series * r + 1.0
-    for i in range(len(values)):
-        bits[i] = (bits[i] + 1023) << 52  # 2ⁿ: n in the exponent's place
-    for i in range(len(values)):
-        values[i] *= rounded[i]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, overload
@@ -114,7 +115,8 @@ class MixtureRegression(Estimator):
         """
         chosen = [int(column) for column in (*inputs, *outputs)]
         range_ = range(mixture.n_features_in_)
-        wrong = [str(column) for column in chosen if column not in range_ or chosen.count(column) > 1]
+        times = Counter(chosen)
+        wrong = [str(column) for column in chosen if column not in range_ or times[column] > 1]
         if wrong or not len(inputs) or not len(outputs):
             raise ValueError(
                 f"inputs and outputs must each name some of the columns 0 to {len(range_) - 1}, each column once, "
@@ -399,8 +401,8 @@ class MixtureRegression(Estimator):
         kind, n = np.dtype(precision), self.n_features_in_
         if kind not in self._prepared:
             order = spread(n)
-            ordered = self.mixture_.marginal([*order, *range(n, n + self.n_outputs_)])
-            inputs, weights = ordered.marginal(range(n)), ordered.weights_
+            inputs, weights = self.mixture_.marginal(order), self.mixture_.weights_
+            gains = self.mixture_.covariances_[:, n:, order] @ inputs.inverses.transpose(0, 2, 1)
             constants = log_constants(weights, inputs.inverses)
             self._prepared[kind] = Conditional(
                 order,
@@ -411,8 +413,8 @@ class MixtureRegression(Estimator):
                     inputs.bound(np.arange(FIRST if n >= 2 * FIRST else 0), kind),
                     negligible(kind),
                 ),
-                plain(ordered.means_[:, n:]),
-                packed(ordered.factors[:, n:, :n], kind),
+                plain(self.mixture_.means_[:, n:]),
+                packed(gains, kind),
                 self._conditional_variances,
                 np.sqrt(self._conditional_variances),
                 self.faithful,

@@ -35,6 +35,15 @@ def test_bands_variance_and_probability_are_those_of_scipy() -> None:
             assert CALIBRATION.probability(ERRORS, SD)[i, j] == pytest.approx(law.cdf(ERRORS[i, j]), rel=1e-9)
 
 
+@pytest.mark.parametrize("freedom", [2.2, 2.9, 7.3, 100.0])
+def test_probability_is_that_of_scipy_near_and_far(freedom: float) -> None:
+    size = np.append(np.geomspace(1e-9, 1e9, 10_001), np.inf)
+    errors = np.concatenate([-size[::-1], [0.0], size])[:, None]
+    found = Calibration(np.ones(1), np.array([freedom])).probability(errors, np.ones_like(errors))
+    np.testing.assert_allclose(found, stats.t(freedom).cdf(errors), rtol=0, atol=1e-9)
+    assert np.diff(found[:, 0]).min() >= -1e-15
+
+
 def test_ranked_probability_score_is_its_integral() -> None:
     score = CALIBRATION.crps(ERRORS, SD)
     for i, row in enumerate(distributions()):

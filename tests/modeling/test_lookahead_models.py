@@ -48,6 +48,15 @@ def test_the_first_layer_is_a_mixture_of_the_speed_alone() -> None:
     )
 
 
+def test_classes_of_speed_may_be_those_of_another_number_of_components() -> None:
+    inputs, lookahead, _ = drive(2)
+    classes = VelocityLookahead(6, 3, starts=3).fit(inputs, lookahead).classes
+    given = VelocityLookahead(12, 3, starts=3).fit(inputs, lookahead, classes)
+    alone = VelocityLookahead(12, 3, starts=3).fit(inputs, lookahead)
+    for ours, theirs in zip(given.predict(inputs), alone.predict(inputs), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
 def test_each_class_is_fitted_to_its_own_samples() -> None:
     inputs, lookahead, _ = drive(3)
     model = VelocityLookahead(3, 3, starts=3).fit(inputs, lookahead)

@@ -9,6 +9,7 @@ from sklearn.preprocessing import StandardScaler
 
 from wheelprint.modeling.motion_primitives import (
     EVERYTHING,
+    N1,
     OUTPUT_NOISE,
     OWN_WINDOWS,
     PRIOR_WINDOWS,
@@ -124,6 +125,17 @@ def test_coarser_structures_are_those_fitted_alone() -> None:
         assert list(coarser.regressions) == list(alone.regressions)
         for ours, theirs in zip(coarser.predict(inputs, path_types), alone.predict(inputs, path_types), strict=True):
             np.testing.assert_array_equal(ours, theirs)
+
+
+def test_forecasts_of_several_structures_are_those_of_each() -> None:
+    inputs, outputs = gaussian(900, 7)
+    path_types = types(t121=450, t131=450)
+    whole = fit_motion_primitives(inputs, outputs, path_types, n1=27, components=2, shrinkage=0.01)
+    levels: tuple[N1, ...] = (27, 1, 3)
+    for n1, forecast in zip(levels, whole.forecasts(inputs, path_types, levels), strict=True):
+        alone = whole.coarser(n1).forecast(inputs, path_types)
+        np.testing.assert_array_equal(forecast.mean, alone.mean)
+        np.testing.assert_array_equal(forecast.sd, alone.sd)
 
 
 def test_units_change_nothing() -> None:
