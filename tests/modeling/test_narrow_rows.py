@@ -13,12 +13,14 @@ from wheelprint.modeling.densities import factorise, log_constants
 from wheelprint.modeling.narrow_rows import LOWEST, exponential, narrow_pass
 
 
-@njit
-def exponentials(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def each_exponential(values: NDArray[np.float64]) -> NDArray[np.float64]:
     found = np.empty_like(values)
     for place in range(len(values)):
         found[place] = exponential(values[place])
     return found
+
+
+exponentials = njit(each_exponential)
 
 
 @given(st.lists(st.floats(-1000.0, 0.0), min_size=1, max_size=40))
