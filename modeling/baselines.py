@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 PENALTIES = tuple(10.0**exponent for exponent in np.arange(-4.0, 5.5, 0.5).tolist())
 """Penalties that ridge regression chooses from: half decades, far beyond what was ever chosen at both ends."""
 
-ENOUGH = 1000
+ENOUGH = 500
 """Samples of a block that are asked: of more, every so many, as neighbours are nearly equal."""
 
 

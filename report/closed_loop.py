@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ..modeling.tracking import TEST_TRACK, current_cells, pool
 from ..schemas.project import Project
 from .blocks import Block, Cell, Column, Figure, Gallery, Note, Table
-from .look import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, line_of, style
+from .look import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, as_float32, line_of, style
 from .tables import number, text
 
 if TYPE_CHECKING:
@@ -128,8 +128,8 @@ def drives(cell: Mapping[str, Any]) -> go.Figure:
     style(figure, 560)
     track = cell["track"]
     figure.add_scatter(
-        x=track["x"],
-        y=track["y"],
+        x=as_float32(track["x"]),
+        y=as_float32(track["y"]),
         mode="lines",
         name="path",
         line=line_of("#C9D0D6", 9),
@@ -141,9 +141,11 @@ def drives(cell: Mapping[str, Any]) -> go.Figure:
         name, line = STYLES[drive["law"], drive["control"]]
         own: dict[str, Any] = {"mode": "lines", "name": name, "legendgroup": name, "line": line, "col": 2}
         if "x" in drive:
-            figure.add_scatter(x=drive["x"], y=drive["y"], row=1, showlegend=False, **own | {"col": 1})
+            x, y = as_float32(drive["x"]), as_float32(drive["y"])
+            figure.add_scatter(x=x, y=y, row=1, showlegend=False, **own | {"col": 1})
+        distance = as_float32(drive["distance"])
         for row, (quantity, _) in enumerate(panels, start=1):
-            figure.add_scatter(x=drive["distance"], y=drive[quantity], showlegend=row == 1, row=row, **own)
+            figure.add_scatter(x=distance, y=as_float32(drive[quantity]), showlegend=row == 1, row=row, **own)
     figure.update_xaxes(title_text="x (east), m", row=1, col=1)
     figure.update_yaxes(title_text="y (north), m", scaleanchor="x", scaleratio=1, row=1, col=1)
     for row, (_, title) in enumerate(panels, start=1):

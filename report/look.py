@@ -20,6 +20,11 @@ LINES = (BLUE, VERMILLION, GREEN, PURPLE, SKY, ORANGE)
 SHAPES = ("circle", "square", "diamond", "triangle-up", "cross", "x")
 FONT = 'system-ui, "Segoe UI", Roboto, "Noto Sans", "Noto Sans CJK SC", sans-serif'
 
+AXIS: dict[str, Any] = {
+    "gridcolor": "#E6EAEE", "zerolinecolor": "#C9D0D6", "linecolor": GREY, "showline": True, "ticks": "outside",
+    "title": {"standoff": 8, "font": {"size": 13}},
+}  # fmt: skip
+
 
 def plain(name: str) -> str:
     """Return a name so that plotly, which reads a little HTML in texts, shows it as it is."""
@@ -30,26 +35,24 @@ def figure_of(x_title: str, y_title: str, height: int) -> go.Figure:
     """Return an empty figure with titled axes in the style of the report."""
     import plotly.graph_objects as go
 
-    figure = go.Figure()
-    style(figure, height)
-    figure.update_xaxes(title_text=x_title)
-    figure.update_yaxes(title_text=y_title)
-    return figure
+    # All at once: of a figure that is there already plotly compares every part of its own style, 15 ms long.
+    x_axis, y_axis = ({**AXIS, "title": {**AXIS["title"], "text": title}} for title in (x_title, y_title))
+    return go.Figure(layout={**_layout(height), "xaxis": x_axis, "yaxis": y_axis})
 
 
 def style(figure: go.Figure, height: int) -> None:
     """Give a figure, all of its axes included, the style of the report and a height in pixels."""
-    axis = {
-        "gridcolor": "#E6EAEE", "zerolinecolor": "#C9D0D6", "linecolor": GREY, "showline": True, "ticks": "outside",
-        "title": {"standoff": 8, "font": {"size": 13}},
+    figure.update_layout(_layout(height))
+    figure.update_xaxes(AXIS)
+    figure.update_yaxes(AXIS)
+
+
+def _layout(height: int) -> dict[str, Any]:
+    return {
+        "template": "none", "height": height, "margin": {"l": 68, "r": 14, "t": 12, "b": 48}, "paper_bgcolor": "#fff",
+        "plot_bgcolor": "#fff", "font": {"family": FONT, "size": 13, "color": "#1b1f24"}, "hovermode": "closest",
+        "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": -0.2, "yanchor": "top"},
     }  # fmt: skip
-    figure.update_layout(
-        template="none", height=height, margin={"l": 68, "r": 14, "t": 12, "b": 48}, paper_bgcolor="#fff",
-        plot_bgcolor="#fff", font={"family": FONT, "size": 13, "color": "#1b1f24"}, hovermode="closest",
-        legend={"orientation": "h", "x": 0, "xanchor": "left", "y": -0.2, "yanchor": "top"},
-    )  # fmt: skip
-    figure.update_xaxes(axis)
-    figure.update_yaxes(axis)
 
 
 def line_of(colour: str, width: float, dash: str = "solid") -> dict[str, Any]:
