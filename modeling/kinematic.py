@@ -94,8 +94,10 @@ class Kinematic:
         mean = np.full((len(inputs), self.future_steps), self.filter.intercept[0])
         taps = self.filter.coefficients[:, 0].reshape(len(blocks), -1)
         for block, weights in zip(blocks, taps, strict=True):
-            for tap, weight in enumerate(weights):
-                mean += weight * block[:, tap : tap + self.future_steps]
+            filtering = np.zeros((block.shape[1], self.future_steps))
+            for step in range(self.future_steps):
+                filtering[step : step + len(weights), step] = weights
+            mean += block @ filtering
         return mean, np.broadcast_to(self.variances, mean.shape)
 
 

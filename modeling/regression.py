@@ -375,15 +375,9 @@ class MixtureRegression(Estimator):
         Both come from the Cholesky factor of the whole covariance, [[L_x, 0], [M, L_c]]: A = M L_x⁻¹ and C = L_c L_cᵀ,
         which stays positive definite where Σ_yy − A Σ_xy would cancel.
         """
-        from scipy.linalg import solve_triangular
-
-        factors = joint.factors
-        upper, gains, rest = factors[:, :n_inputs, :n_inputs], factors[:, n_inputs:, :n_inputs], factors[:, n_inputs:]
+        gains, conditional = np.split(joint.factors[:, n_inputs:], [n_inputs], axis=2)
         self.mixture_ = joint
-        self.matrices_ = np.array(
-            [solve_triangular(u, l.T, lower=True, trans="T").T for u, l in zip(upper, gains, strict=True)]
-        )
-        conditional = rest[:, :, n_inputs:]
+        self.matrices_ = gains @ joint.inverses[:, :n_inputs, :n_inputs]
         self.conditional_covariances_ = conditional @ conditional.transpose(0, 2, 1)
         self.n_features_in_, self.n_outputs_ = n_inputs, joint.n_features_in_ - n_inputs
         self._input_mixture = joint.marginal(range(n_inputs))
