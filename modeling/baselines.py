@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,7 @@ PENALTIES = tuple(10.0**exponent for exponent in np.arange(-4.0, 5.5, 0.5).tolis
 """Penalties that ridge regression chooses from: half decades, far beyond what was ever chosen at both ends."""
 
 ENOUGH = 500
-"""Samples of a block that are asked: of more, every so many, as neighbours are nearly equal."""
+"""Samples of a block that choose the penalty: of more, every so many, as neighbours are nearly equal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,17 +92,19 @@ class Ridge:
         Z, level = (inputs - mean) / scale, outputs.mean(axis=0)
         Y = outputs - level
         gram, moments = Z.T @ Z, Z.T @ Y
-        absolute, errors = np.zeros(len(penalties)), []
-        for block in np.array_split(np.arange(n), blocks):
-            away = slice(max(block[0] - gap, 0), block[-1] + 1 + gap)
+        absolute, solvers = np.zeros(len(penalties)), []
+        parts = [slice(block[0], block[-1] + 1) for block in np.array_split(np.arange(n), blocks)]
+        for part in parts:
+            away = slice(max(part.start - gap, 0), part.stop + gap)
             solve = _solver(gram - Z[away].T @ Z[away], moments - Z[away].T @ Y[away])
-            asked = block[:: max(len(block) // ENOUGH, 1)]
-            errors.append(partial(_errors, solve, Z[asked], Y[asked]))
-            absolute += [np.abs(errors[-1](penalty)).sum() for penalty in penalties]
+            asked = slice(part.start, part.stop, max((part.stop - part.start) // ENOUGH, 1))
+            absolute += [np.abs(Z[asked] @ solve(penalty) - Y[asked]).sum() for penalty in penalties]
+            solvers.append(solve)
         penalty = penalties[int(absolute.argmin())]
-        square = np.square(np.concatenate([of_block(penalty) for of_block in errors]))
+        errors = [Z[part] @ solve(penalty) - Y[part] for part, solve in zip(parts, solvers, strict=True)]
         coefficients = _solver(gram, moments)(penalty) / scale[:, None]
-        return cls(penalty, coefficients, level - mean @ coefficients, square.mean(axis=0))
+        variances = np.square(np.concatenate(errors)).mean(axis=0)
+        return cls(penalty, coefficients, level - mean @ coefficients, variances)
 
     def predict(self, inputs: Floats) -> tuple[Floats, Floats]:
         """Return means ŷ = XB + intercept and variances, each (n_samples, n_outputs), of X (n_samples, n_inputs).
@@ -112,13 +113,6 @@ class Ridge:
         """
         mean: Floats = inputs @ self.coefficients + self.intercept
         return mean, np.broadcast_to(self.variances, mean.shape)
-
-
-def _errors(solve: Callable[[float], Floats], inputs: Floats, outputs: Floats, penalty: float) -> Floats:
-    """Return what a penalty leaves of outputs (n, n_outputs), from inputs (n, n_inputs)."""
-    error = inputs @ solve(penalty)
-    error -= outputs
-    return error
 
 
 def _solver(gram: Floats, moments: Floats) -> Callable[[float], Floats]:
