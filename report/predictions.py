@@ -78,8 +78,10 @@ def _liveliest(
             begins = begins[np.isin(begins + k * horizon, made)]
         if len(begins):
             start, stop = np.searchsorted(time, [begins, begins + number * horizon])
-            # Variances of all of them from sums over everything before, of angles about their mean.
-            first, second = (np.append(0.0, np.cumsum((driven - driven.mean()) ** power)) for power in (1, 2))
+            # Variances of all of them from sums over everything before, of angles about their mean. Where one is
+            # missing nothing is predicted, so that it counts for nothing.
+            centred = np.nan_to_num(driven - np.nanmean(driven))
+            first, second = (np.append(0.0, np.cumsum(centred**power)) for power in (1, 2))
             mean, square = ((sums[stop] - sums[start]) / (stop - start) for sums in (first, second))
             return int(begins[int(np.argmax(square - mean**2))]), number
     raise ValueError("there is no prediction at all")
