@@ -20,7 +20,10 @@ from ..schemas.errors import InputError
 from ..schemas.project import Project
 from ..schemas.store import read_table
 from .path_types import PathTypes
-from .windows import Floats, Mask, Series
+from .windows import SERIES, Floats, Mask, Series
+
+COLUMNS = (*SERIES, "lookahead_spread")
+"""Of the dataset, what models are made of."""
 
 
 def modelled_drivers(project: Project) -> tuple[dict[str, dict[str, str]], list[InputError]]:
@@ -61,7 +64,7 @@ def read_series(project: Path, driver: str, config: Config) -> Series:
     Raises:
         InputError: The driver has no dataset yet, or a file of it is missing or damaged.
     """
-    return _series(Project(project).dataset(driver), config)
+    return _series(Project(project).dataset(driver, COLUMNS), config)
 
 
 def read_recording(project: Path, driver: str, recording: str, config: Config) -> Series:
@@ -70,7 +73,7 @@ def read_recording(project: Path, driver: str, recording: str, config: Config) -
     Raises:
         InputError: Its file is missing or damaged.
     """
-    table = read_table(Project(project).dataset_file(driver, recording))
+    table = read_table(Project(project).dataset_file(driver, recording), COLUMNS)
     return _series(table.append_column("recording", pa.array([recording] * len(table), pa.string())), config)
 
 

@@ -26,6 +26,9 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Rows = NDArray[np.intp]
 
+SERIES = ("time", "run", "course_deviation", "speed", "steering_wheel_angle", "lookahead", "segment", "fold")
+"""Columns of the dataset that a `Series` is made of, `recording` aside."""
+
 
 @dataclass(frozen=True, slots=True)
 class Series:
@@ -58,14 +61,15 @@ class Series:
         """Take the arrays from a driver's dataset.
 
         Args:
-            table: Columns `recording` and those of `DATASET`, as `Project.dataset(driver)` returns them.
+            table: Columns `recording` and `SERIES`, as `Project.dataset(driver)` returns them.
             period: ns between two rows of a run.
 
         Raises:
             KeyError: A column is missing.
         """
         time: NDArray[np.int64] = table["time"].cast(pa.int64()).to_numpy()
-        recording = table["recording"].to_numpy().astype(str)
+        names = table["recording"].combine_chunks().dictionary_encode()
+        recording = np.array(names.dictionary.to_pylist(), dtype=str)[names.indices.to_numpy()]
         new_recording = _changes(recording)
         new_stretch = new_recording | _changes(table["run"].to_numpy())
         new_stretch[1:] |= np.diff(time) != period

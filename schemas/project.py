@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -130,9 +130,9 @@ class Project:
         """Return the synced tables of one driver or of all, with `driver` and `recording` as first columns."""
         return self._read("recordings", self.synced_file, driver)
 
-    def dataset(self, driver: str | None = None) -> pa.Table:
-        """Return the dataset of one driver or of all, with `driver` and `recording` as first columns."""
-        return self._read("dataset", self.dataset_file, driver)
+    def dataset(self, driver: str | None = None, columns: Sequence[str] | None = None) -> pa.Table:
+        """Return the dataset of one driver or of all, or some columns of it, with `driver` and `recording` as first."""
+        return self._read("dataset", self.dataset_file, driver, columns)
 
     def cameras(self, driver: str, recording: str) -> pa.Table:
         """Return when a recording's cameras took their frames, in the order of time, in the schema `CAMERA_FRAMES`.
@@ -156,7 +156,7 @@ class Project:
     def _partition(self, stage: str, driver: str, recording: str) -> Path:
         return self.directory / stage / f"driver={encode_name(driver)}" / f"recording={encode_name(recording)}"
 
-    def _read(self, section: str, file: Any, driver: str | None) -> pa.Table:
+    def _read(self, section: str, file: Any, driver: str | None, columns: Sequence[str] | None = None) -> pa.Table:
         import pyarrow as pa
 
         from .store import read_table
@@ -166,12 +166,10 @@ class Project:
         for recording in self.recordings():
             path = file(recording.driver, recording.name)
             if driver in (None, recording.driver) and path.relative_to(self.directory).as_posix() in confirmed:
-                table = read_table(path).replace_schema_metadata()
-                tables.append(
-                    table.add_column(0, "driver", pa.array([recording.driver] * len(table), pa.string())).add_column(
-                        1, "recording", pa.array([recording.name] * len(table), pa.string())
-                    )
-                )
+                table = read_table(path, columns).replace_schema_metadata()
+                for place, (name, whose) in enumerate((("driver", recording.driver), ("recording", recording.name))):
+                    table = table.add_column(place, name, pa.repeat(whose, len(table)))
+                tables.append(table)
         if not tables:
             stage = {"recordings": "convert", "dataset": "build"}[section]
             whose = "" if driver is None else f" of driver {driver!r}"
