@@ -92,7 +92,8 @@ class Workers:
             settings = {
                 # Dask makes malloc give every freed array back to the system, and so keeps it from learning how large
                 # arrays are: each of 128 KiB or more would be new memory, cleared page by page, a sixth of all work.
-                f"{of_workers}MALLOC_TRIM_THRESHOLD_": 1 << 28,
+                # More than 64 MiB that are free go back: workers seldom need the most at the same time.
+                f"{of_workers}MALLOC_TRIM_THRESHOLD_": 1 << 26,
                 f"{of_workers}MALLOC_MMAP_THRESHOLD_": 1 << 25,
                 # A worker that is told to stop has nothing to say.
                 f"{of_workers}DASK_LOGGING": str(dict.fromkeys(("distributed", "distributed.worker"), "critical")),
@@ -219,6 +220,9 @@ def _deaf_to_interrupts() -> Iterator[None]:
 
 
 def _attempt(task: Task) -> Outcome | InputError:
+    from .ingest.memory import leave_out_pandas
+
+    leave_out_pandas()  # Arrow imports it else, with no use to any task.
     try:
         return task.run(**task.arguments)
     except InputError as error:
