@@ -526,7 +526,8 @@ async function rename() {
 
 document.addEventListener("keydown", (key) => {
   if (isAsked()) return;
-  const isField = key.target.matches("select, input, textarea");
+  // The field of a question that was just closed has the focus until the page is drawn again.
+  const isField = key.target.matches("select, input, textarea") && !key.target.closest("dialog");
   if (key.key === "Escape") {
     if (isField) key.target.blur();
     return alertOf("refused", "");

@@ -238,15 +238,16 @@ def _bounded(outcome: Outcome) -> Iterator[None]:
     """
     before = resource.getrlimit(resource.RLIMIT_DATA)
     others = max(_memory("VmRSS") - NEW, 0)
-    ended = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+    ended = 1024 * resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
     Path("/proc/self/clear_refs").write_text("5")  # The peak is counted anew.
     resource.setrlimit(resource.RLIMIT_DATA, (_memory("VmData") + BEYOND, before[1]))
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_DATA, before)
-        started = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
-        outcome.memory = max(_memory("VmHWM") - others, started * 1024 if started > ended else 0)
+        started, own = 1024 * resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss, _memory("VmHWM")
+        # Until it runs its own program a process that is started counts as large as the one that starts it.
+        outcome.memory = max(own - others, started if started > max(ended, own) else 0)
     if outcome.memory > MEMORY:
         outcome.failures.append(f"{outcome.memory >> 20} MB of memory")
 
