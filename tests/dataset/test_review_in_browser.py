@@ -363,6 +363,13 @@ def test_the_name_is_asked_for_once(project: Project, browser: Browser) -> None:
         assert page.locator("#who").inner_text() == "王小明 <b>"
 
 
+def test_a_key_counts_while_a_closed_question_still_has_the_focus(review: Review) -> None:
+    page = review.open()
+    page.locator("#person-name").dispatch_event("keydown", {"key": "e"})
+    page.locator("#count", has_text="1 of 16 decided").wait_for()
+    stored(page)
+
+
 def test_help_filters_and_buttons(review: Review) -> None:
     page = review.open()
     press(page, "?")
