@@ -20,7 +20,7 @@ from .account import Account
 from .cameras import IMAGES, CameraIndex
 from .can.database import Database
 from .mapped_table import mapped_table
-from .memory import give_memory_back, keep_memory, leave_out_pandas, leave_out_scipy
+from .memory import give_memory_back, keep_memory, leave_out_scipy
 from .navigation import navigation_writer
 from .oxts.kitti import Kitti
 from .readers import FrameReader, NavigationReader, Reader, formats_of, recognise
@@ -74,7 +74,6 @@ class RawLogs:
 def read_logs(project: Path, recording: Recording, database: Database, folder: Path, nav: Nav) -> RawLogs:
     """Decode every file of a recording into `folder`; what cannot be read becomes a problem of its own."""
     keep_memory()
-    leave_out_pandas()
     leave_out_scipy()
     logs = RawLogs()
     belonging: set[str] = set()

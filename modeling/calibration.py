@@ -22,7 +22,6 @@ Floats = NDArray[np.float64]
 FREEDOM = np.append(np.geomspace(2.2, 100.0, 200), np.inf)
 """Degrees of freedom to choose from; with 2 the variance would be infinite, infinitely many are a Gaussian."""
 
-
 FARTHEST, NODES = 1e6, 1000
 """Where the distribution of |Z| is tabled: densely about 0, sparsely far out; beyond, it is 1 but for 1e-12."""
 

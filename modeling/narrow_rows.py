@@ -17,6 +17,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from .estimator import FloatArray
+from .vector_code import multiply_add, repeated
 
 BLOCK = 128
 """Rows that are worked on at a time."""
@@ -56,13 +57,13 @@ def exponential(_typing: Any, x: Any) -> tuple[Any, Any]:
         number, bits = ir.DoubleType(), ir.IntType(64)
         low = builder.fcmp_ordered("<", arguments[0], number(LOWEST))
         x = builder.select(low, number(LOWEST), arguments[0])
-        shifted = _multiply_add(builder, x, number(1.0 / math.log(2.0)), number(ROUNDING))
+        shifted = multiply_add(builder, x, number(1.0 / math.log(2.0)), number(ROUNDING))
         n = builder.fsub(shifted, number(ROUNDING))
-        r = _multiply_add(builder, n, number(-LN2_HIGH), x)
-        r = _multiply_add(builder, n, number(-LN2_LOW), r)
+        r = multiply_add(builder, n, number(-LN2_HIGH), x)
+        r = multiply_add(builder, n, number(-LN2_LOW), r)
         series = number(1.0 / math.factorial(TERMS))
         for term in reversed(range(TERMS)):
-            series = _multiply_add(builder, series, r, number(1.0 / math.factorial(term)))
+            series = multiply_add(builder, series, r, number(1.0 / math.factorial(term)))
         # n is in the lowest bits of `shifted`, and goes to the exponent's.
         exponent = builder.shl(builder.add(builder.bitcast(shifted, bits), bits(1023)), bits(52))
         return builder.fmul(series, builder.bitcast(exponent, number))
@@ -102,10 +103,7 @@ def whiten(
 
         def each(array: Any, place: Any) -> Any:
             """Return a vector of one number of an array."""
-            number = builder.load(builder.gep(array.data, [place]))
-            none = ir.Constant(vector, ir.Undefined)
-            first = builder.insert_element(none, number, ir.IntType(32)(0))
-            return builder.shuffle_vector(first, none, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
+            return repeated(builder, builder.load(builder.gep(array.data, [place])), LANES)
 
         with cgutils.for_range(builder, d.type(BLOCK // LANES)) as group:
             first = builder.mul(group.index, lanes)
@@ -117,21 +115,13 @@ def whiten(
                     seen = builder.load(vector_at(x, j.index, first), align=8)
                     centred = builder.fsub(seen, each(mu, builder.add(own, j.index)))
                     weight = each(w, builder.add(builder.mul(row, d), j.index))
-                    builder.store(_multiply_add(builder, weight, centred, builder.load(of_row)), of_row)
+                    builder.store(multiply_add(builder, weight, centred, builder.load(of_row)), of_row)
                 builder.store(builder.load(of_row), vector_at(y, row, first), align=8)
-                summed = _multiply_add(builder, builder.load(of_row), builder.load(of_row), builder.load(of_all))
+                summed = multiply_add(builder, builder.load(of_row), builder.load(of_row), builder.load(of_all))
                 builder.store(summed, of_all)
             builder.store(builder.load(of_all), vector_at(into, d.type(0), first), align=8)
 
     return types.void(columns, means, inverses, c, whitened, squares), emit
-
-
-def _multiply_add(builder: Any, a: Any, b: Any, c: Any) -> Any:
-    """Write the code of a b + c, in one instruction where the processor has it."""
-    lanes = f"v{a.type.count}" if isinstance(a.type, ir.VectorType) else ""
-    type_of = ir.FunctionType(a.type, [a.type] * 3)
-    function = cgutils.get_or_insert_function(builder.module, type_of, f"llvm.fmuladd.{lanes}f64")
-    return builder.call(function, [a, b, c])
 
 
 @njit(cache=True, nogil=True, fastmath=SUMS)

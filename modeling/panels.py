@@ -17,6 +17,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from .estimator import FloatArray
+from .vector_code import multiply_add, repeated
 
 Floats = npt.NDArray[np.floating[Any]]
 
@@ -108,10 +109,7 @@ def multiply(
         number = context.get_value_type(signature.args[0].dtype)
         size = context.get_abi_sizeof(number)
         lanes = PANEL_BYTES // size
-        vector, int32 = ir.VectorType(number, lanes), ir.IntType(32)
-        none = ir.Constant(vector, ir.Undefined)
-        type_of = ir.FunctionType(vector, [vector] * 3)
-        multiply_add = cgutils.get_or_insert_function(builder.module, type_of, f"llvm.fmuladd.v{lanes}f{8 * size}")
+        vector = ir.VectorType(number, lanes)
 
         def as_vector(place: Any) -> Any:
             return builder.bitcast(place, vector.as_pointer())
@@ -125,9 +123,8 @@ def multiply(
             place = builder.mul(loop.index, ir.Constant(loop.index.type, lanes))
             weights = builder.load(as_vector(builder.gep(weights_of, [place])), align=size)
             for row, own in zip(x_rows, sums, strict=True):
-                first = builder.insert_element(none, builder.load(builder.gep(row, [loop.index])), int32(0))
-                each = builder.shuffle_vector(first, none, ir.Constant(ir.VectorType(int32, lanes), [0] * lanes))
-                builder.store(builder.call(multiply_add, [each, weights, builder.load(own)]), own)
+                each = repeated(builder, builder.load(builder.gep(row, [loop.index])), lanes)
+                builder.store(multiply_add(builder, each, weights, builder.load(own)), own)
         for row, own in enumerate(sums):
             to = builder.gep(_row_of(builder, y, whole(7), row), [whole(8)])
             builder.store(builder.load(own), as_vector(to), align=size)
